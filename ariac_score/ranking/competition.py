@@ -166,13 +166,7 @@ def _from_file(file: Path, rules: str) -> Competition:
     data, root = document.data, file.parent
     _refuse_twice(document, "teams")
     _refuse_twice(document, "trials")
-    declared = [entry["id"] for entry in data.get("teams", [])], [e["id"] for e in data.get("trials", [])]
-    if isinstance(data["runs"], str):
-        found, strangers = _matching(root, data["runs"], *declared, document=document)
-    elif isinstance(data["runs"], list):
-        found, strangers = _listed(document, root, *declared), ()
-    else:
-        found, strangers = _stored(document, root, *declared)
+    found, strangers = _found(document, root)
     teams = [_team(document, root, i, entry) for i, entry in enumerate(data.get("teams", []))]
     # Teams and trials that are not listed are those that have runs; a team without any must be listed.
     teams = teams or [_plain_team(document, root, name) for name in sorted({run.team for run in found})]
@@ -200,6 +194,18 @@ def _from_file(file: Path, rules: str) -> Competition:
         if "adjustments" in data
         else None,
     )
+
+
+def _found(document: YamlDocument, root: Path) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """The runs that `runs:` names, and what lies among them and is no run of a listed team and trial."""
+    data = document.data
+    teams = [entry["id"] for entry in data.get("teams", [])]
+    trials = [entry["id"] for entry in data.get("trials", [])]
+    if isinstance(data["runs"], str):
+        return _matching(root, data["runs"], teams, trials, document=document)
+    if isinstance(data["runs"], list):
+        return _listed(document, root, teams, trials), ()
+    return _stored(document, root, teams, trials)
 
 
 def _logs_folder(root: Path, pattern: object) -> Path | None:

@@ -111,15 +111,9 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         digits: Decimal digits of a score.
     """
     standings = [standing for standing in ranking.standings if standing.value is not None]
-    teams = {standing.team: number for number, standing in enumerate(standings)}
-    trials = {trial: number for number, trial in enumerate(ranking.trials)}
-    groups: dict[tuple[int, int], list[RunOutcome]] = {}
-    for run in ranking.runs:
-        cell = (teams.get(run.team), trials.get(run.trial))
-        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
-        if cell[0] is not None and cell[1] is not None and known:
-            groups.setdefault((cell[0], cell[1]), []).append(run)
-    groups = {key: sorted(runs, key=lambda run: merit(run, spec)) for key, runs in groups.items()}
+    teams = [standing.team for standing in standings]
+    trials = ranking.trials
+    groups = _by_cell(ranking.runs, teams, trials, spec)
     own = [[standing.trials[trial] for trial in ranking.trials] for standing in standings]
     most = max((len(runs) for runs in groups.values()), default=0)
     digits = _affordable(groups, cell_digits(spec, digits), len(trials), spec.keep)
@@ -149,6 +143,21 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         terms=terms,
         judges=np.array([float(mark) for mark in judges if mark is not None]) if None not in judges else None,
     )
+
+
+def _by_cell(
+    runs: Sequence[RunOutcome], teams: Sequence[str], trials: Sequence[str], spec: Spec
+) -> dict[tuple[int, int], list[RunOutcome]]:
+    """The runs with a score by number of team and trial, the best first."""
+    teams_at = {team: number for number, team in enumerate(teams)}
+    trials_at = {trial: number for number, trial in enumerate(trials)}
+    groups: dict[tuple[int, int], list[RunOutcome]] = {}
+    for run in runs:
+        team, trial = teams_at.get(run.team), trials_at.get(run.trial)
+        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
+        if team is not None and trial is not None and known:
+            groups.setdefault((team, trial), []).append(run)
+    return {cell: sorted(own, key=lambda run: merit(run, spec)) for cell, own in groups.items()}
 
 
 def _affordable(
