@@ -34,7 +34,12 @@ GROUP = "ariac_score.evaluations"
 
 @dataclass(frozen=True)
 class OrderPlan:
-    """An order of the trial file: its id and whether it is a priority order."""
+    """An order of the trial file.
+
+    Attributes:
+        id: As in the file.
+        priority: Whether it is a priority order.
+    """
 
     id: str
     priority: bool
