@@ -173,6 +173,7 @@ def _affordable(
 
 
 def _units(amount: Decimal, digits: int) -> int:
+    # Half to even, as scores and means are rounded when they are published.
     return int(amount.scaleb(digits).quantize(Decimal(1), rounding=ROUND_HALF_EVEN))
 
 
@@ -346,7 +347,7 @@ class _Sampler:
         return np.clip(counts, 1, self.spec.keep)
 
     def _behind(self, cells: IntArray, made: NDArray[np.bool_]) -> IntArray:
-        """A trial without a run is worth 0, or what the worst team got in this draw."""
+        """A trial without a run counts 0, or the score of the worst team in this draw."""
         if self.spec.more_is_better:
             worst = np.where(made, cells, 0).min(axis=0)
             return np.where(made, cells, np.minimum(worst, 0))

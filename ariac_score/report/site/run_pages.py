@@ -126,7 +126,7 @@ def _made(tasks: Sequence[_Task], processes: int | None) -> Iterator[RunPage]:
 
 def _cores() -> int:
     try:
-        return len(os.sched_getaffinity(0))
+        return len(os.sched_getaffinity(0))  # in a container fewer than the machine has
     except AttributeError:  # not on every system
         return os.cpu_count() or 1
 

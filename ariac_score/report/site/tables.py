@@ -44,6 +44,7 @@ def table_csv(table: Table) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([cell_text(column) for column in table.columns])
     writer.writerows([cell_text(value) for value in row] for row in table.rows)
+    # The name of a file may hold half a surrogate pair, which has no place in UTF-8.
     return out.getvalue().encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -55,7 +56,7 @@ def cell_text(value: Value) -> str:
     """
     if value is None:
         return ""
-    if isinstance(value, bool):
+    if isinstance(value, bool):  # before numbers, for True is an int
         return "yes" if value else "no"
     if isinstance(value, Decimal):
         return f"{value:f}"
