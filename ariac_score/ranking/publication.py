@@ -295,6 +295,7 @@ def ranking_json(
                 sha256=after.sha256,
                 adjustments=after.adjustments,
                 standings=after.ranking.standings,
+                # Results are automatic and stand with the automatic runs.
                 runs=tuple(_run(run, None) for run in after.ranking.runs),
                 worst=after.ranking.worst,
                 statistics=adjusted,
