@@ -68,10 +68,9 @@ class Law:
         name: Short name.
         says: The law in words.
         how: How it is tried.
-        idle: Why it says nothing about a rule set; empty when it does.
+        idle: Why it does not apply to a rule set; empty when it does.
         draw: A random situation.
-        broken: What the law finds wrong in a situation; `None` when it holds, or has
-            nothing to say.
+        broken: What the law finds wrong in a situation; `None` when it holds or does not apply.
     """
 
     name: str
@@ -202,7 +201,7 @@ def _waiting(world: World, situation: Situation) -> Broken | None:
 # Halving the log rate changes at most one sample's worth -------------------------------
 
 _SHORTEST = 15
-"""Ticks: violations that both rates can see, and see apart."""
+"""Ticks: so long are violations that both rates see, and see as separate ones."""
 
 
 def _draw_rate(world: World, rng: Random) -> Situation:
@@ -219,8 +218,8 @@ def _rate(world: World, situation: Situation) -> Broken | None:
     """Each violation may lose or gain a sample, at what such a time costs where it costs most."""
     case = situation.case
     violations = case.violations
-    apart = {(v.check, v.pair) for v in violations}
-    if len(apart) < len(violations) or any(v.end - v.start < _SHORTEST for v in violations):
+    separate = {(v.check, v.pair) for v in violations}
+    if len(separate) < len(violations) or any(v.end - v.start < _SHORTEST for v in violations):
         return None
     whole, half = _scores(world, case, replace(case, step=2))
     allowed = add_up(_second_costs(world, case, each) / TICKS_PER_S for each in violations)
@@ -230,7 +229,7 @@ def _rate(world: World, situation: Situation) -> Broken | None:
 
 
 def _second_costs(world: World, case: Case, violation: Violation) -> Number:
-    """What one second more of a violation takes where it is the first and only one."""
+    """What one more second of a violation costs where it is the first and only one."""
     short = replace(violation, start=0, end=5)
     first, second = _scores(
         world,
@@ -244,10 +243,10 @@ def _second_costs(world: World, case: Case, violation: Violation) -> Number:
 
 
 def _undone(world: World, case: Case, *, but: int = 0) -> frozenset[tuple[str, str]]:
-    """The task findings when only the first orders are done: nothing earned or wrong with the others.
+    """The task findings when only the first orders are done: the others earn nothing and break nothing.
 
-    What rules count points for is violated, what they only ask to be kept is satisfied;
-    the kind of task stays what it is.
+    Findings that earn points are violated, those that only have to be kept are satisfied;
+    the kind of a task stays as it is.
     """
     undone = {
         (check, subject)
@@ -318,7 +317,7 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
     clean = _scores(world, *(_after(world, replace(case, violations=()), n) for n in counts))
     gains = [later - sooner for sooner, later in pairwise(clean)]
     if any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains)):
-        return None  # the pieces are not alike
+        return None  # the pieces are not alike: the law says nothing about unequal ones
     scores = _scores(world, *(_after(world, case, n) for n in counts))
     for n, (sooner, later) in enumerate(pairwise(scores)):
         if later < sooner - _margin(sooner, later):
@@ -484,7 +483,7 @@ def simpler(situation: Situation) -> Iterator[Situation]:
 
 
 def _simpler_splits(situation: Situation, split: Violation) -> Iterator[Situation]:
-    """A violation with a pause in it, begun earlier or cut, with its pause."""
+    """A violation with a pause in it, moved to an earlier time or shortened around its pause."""
     until = situation.at + situation.ticks
     if split.start < situation.at < until < split.end:
         for start in _rounder(split.start):

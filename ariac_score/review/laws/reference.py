@@ -1,4 +1,4 @@
-"""The made competition that penalties are compared on, and the table of which breaks which law."""
+"""The made competition on which penalties are compared, and the table of which breaks which law."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _laws() -> Iterator[str]:
 
 
 def _shipped() -> Iterator[str]:
-    """What shipped rule sets say of themselves."""
+    """What shipped rule sets say about themselves."""
     yield _SHIPPED
     laws = {law.name: law.says for law in LAWS}
     for name in rule_set_names():
