@@ -112,11 +112,11 @@ class Plugin:
                     place=place(name),
                     hint=_remedy(value, fields[name]),
                 ) from None
-        self._refuse_by_position(kind)
+        self._refuse_by_position(kind)  # first: it names the argument, as the TypeError of the call does not
         try:
             with quiet(self.origin, deep=True):
                 plugin = kind(**values)
-        except ValueError as cause:
+        except ValueError as cause:  # what `__post_init__` raises for a number that makes no sense
             raise RuleSetError(
                 f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
             ) from None

@@ -241,6 +241,7 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
     for part in bundle.parts:
         if part.role == "official":
             reader = readers[part.reader]
+            # No log map: an official text has no signals.
             official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
             if official is not None:
                 layout = reader.describe(part.path).facts.get("layout", "")
@@ -437,6 +438,7 @@ class _Items:
             return replace(made, reason=value.reason)
         ours = value.traced.value
         made = replace(made, ours=ours, verdict=AGREE if abs(number - ours) <= tolerance else DIFFER)
+        # Once more without the official file: agreement with itself would prove nothing.
         again = self.alone.value(item.formula, block.level, path) if self.alone else Value(reason=_NO_TRIAL)
         if again.traced is None:
             return replace(made, reason=f"without {self.source}: {again.reason}")

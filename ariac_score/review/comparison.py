@@ -135,6 +135,7 @@ class _Comparing:
         if one.traced is None or other.traced is None:
             self.undecided.append(Undecided(level, path, term, one.reason or other.reason))
             return
+        # What an order is made of matters; a term of a part that no order uses does not.
         if level in ("order", "trial"):
             self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}
             self.decided.add(path)
@@ -176,6 +177,7 @@ def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Exp
                 if term in sheets[1].terms.get(level, {}):
                     name = Expression.parse(term)
                     yield level, path, term, name, name
+    # Where a rule set compares teams, one trial has a task score and no score.
     scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
     whole = _TASK_SCORE if any(sheet.needs_cohort for sheet in sheets) else _SCORE
     yield "trial", "", whole, scores[0], scores[1]

@@ -76,6 +76,7 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
         for what, kind, keys in list(_groups(result.measured.scopes, wrong))[:MOST]
         if (gain := _gain(result, keys, value)) > 0
     ]
+    # The smallest scope with the same findings names the loss best.
     best: dict[tuple[str, ...], Recoverable] = {}
     for one in found:  # an order with one task is shown once, as the task
         best.setdefault(one.findings, one)

@@ -297,6 +297,7 @@ def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
     which = np.repeat(np.arange(len(signals)), [len(signal) for signal in signals])
     index = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(len(s)) for s in signals)])
     values = [signal.values for signal in signals]  # kept: derived ones are computed at each access
+    # By time, then by signal in the order of names: an online monitor gets the same steps every time.
     order = np.lexsort((which, times))
     for group in np.split(order, np.flatnonzero(np.diff(times[order])) + 1) if len(order) else ():
         yield [
@@ -336,6 +337,7 @@ def _says_more(moment: Moment, known: Moment | None) -> bool:
 
 
 def _rank(moment: Moment) -> tuple[int, float]:
+    # A recording has one state for each instant, so one finding has to win.
     order = [Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE, None]
     return order.index(moment.verdict), math.inf if moment.margin is None else moment.margin
 
@@ -356,4 +358,4 @@ def _moments(finding: Finding, result: Result) -> Iterator[Moment]:
     for t_s in sorted(inside):
         yield Moment(t_s, finding.verdict, margin)
     if span.end_s > span.start_s and span.end_s not in inside:
-        yield Moment(span.end_s, None, None)
+        yield Moment(span.end_s, None, None)  # its finding says nothing about the time after

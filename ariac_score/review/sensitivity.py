@@ -182,6 +182,7 @@ def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
 
 def _knob(rule_set: RuleSet, name: str, base: float, *, used: bool, check: str = "") -> Knob:
     declared = rule_set.ranges.get(name)
+    # Sorted, for of a negative number the double is the lower one; of 0 there is neither half nor double.
     low, high = declared or (sorted(base * factor for factor in _AROUND) if base else (0.0, 1.0))
     return Knob(name, base, low, high, declared is not None, check, used)
 
@@ -190,6 +191,7 @@ def with_value(rule_set: RuleSet, knob: Knob, value: float) -> RuleSet:
     """The rule set with another value of a number."""
     if not knob.check:
         parameters = {**rule_set.sheet.parameters, knob.name: value}
+        # Without `expanded`: as text it would still show the old value.
         return replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters), expanded={})
     check = rule_set.checks[knob.check]
     changed = replace(check, parameters={**check.parameters, knob.parameter: value})
@@ -295,6 +297,7 @@ def _score_over(knob: Knob, score: Callable[[float], float | None], digits: int)
         found = _or_none(score, value)
         return "none" if found is None else str(rounded(found, digits))
 
+    # A change is one that people see: of the rounded score.
     known = _Remembered(shown)
     below = _first_change(known, knob.base, knob.low)
     above = _first_change(known, knob.base, knob.high)
@@ -429,7 +432,7 @@ def _ranker(
         rules = with_value(rule_set, knob, value)
         try:
             priced = {key: _under(rules, knob, result, logs.get(key)) for key, result in results.items()}
-        except (PluginError, RuleSetError):
+        except (PluginError, RuleSetError):  # a plugin refuses this value: nobody has a rank there
             return None
         ranking = rank_results(
             competition, ranking_spec(rules, competition.ranking, file=str(competition.file)), rules, priced
@@ -466,7 +469,7 @@ def _shifts(knob: Knob, ranks: Callable[[float], Ranks | None]) -> Iterator[Rank
         {knob.low + (knob.high - knob.low) * step / _GRID for step in range(_GRID + 1)} | {knob.base}
     )
     grid = [value for value in grid if knob.low <= value <= knob.high]
-    count = 0
+    count = 0  # bounded: every edge takes some twenty rankings to find
     for left, right in pairwise(grid):
         at = left
         while ranks(at) != ranks(right) and count < _MOST_SHIFTS:

@@ -112,6 +112,7 @@ def verify_result(
         steps.append(_adjustments(result, adjustments))
     if log is not None:
         rule_set = _rule_set_for(result, given, required=bool(rules))
+        # The automatic result: decisions of stewards are applied to it, not measured.
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
         again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
         again, parts = _as_it_was_read(result.automatic, again)
@@ -331,6 +332,7 @@ def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry:
 
 def _competition(log: Path, rule_set: RuleSet) -> Competition | None:
     """The competition at a path, where there is one."""
+    # Cheap signs first: loading lists every run, and most logs are no competition.
     if log.name != FILE and not (log / FILE).is_file() and not (log / "logs").is_dir():
         return None
     try:

@@ -297,10 +297,12 @@ def _scopes(orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
 
 def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: float) -> Iterator[Finding]:
     """As a monitor finds them: violating samples, grouped over pauses shorter than `t_off_s`."""
+    # Two more ticks, so that half the rate has a sample after the last violation as well.
     ticks = np.arange(0, max(case.duration, violations[-1].end + 2), case.step)
     depth = np.zeros(len(ticks))
     for violation in violations:
         inside = (ticks >= violation.start) & (ticks < violation.end)
+        # Where violations of one pair overlap, a monitor sees one, as deep as the deeper.
         depth[inside] = np.maximum(depth[inside], violation.depth)
     t = ticks / TICKS_PER_S
     sample_s = case.step / TICKS_PER_S

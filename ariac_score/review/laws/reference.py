@@ -105,7 +105,7 @@ _SHIPPED = """
 ## Which shipped rule sets break a law
 
 A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
-`breaks`; `rules check` repeats it beside the counter-example, and fails all the same. Of the others no
+`breaks`; `rules check` repeats it with the counter-example, and fails all the same. Of the others no
 counter-example is known. `extends` does not take `breaks` over.
 
 | rule set | law | because |
@@ -116,7 +116,7 @@ _INTRODUCTION = """\
 # Penalties
 
 A rule set says what a trial earned; a penalty says what its violations do to that. It is included by name,
-and told which checks are charged:
+with the checks that are charged:
 
 ```yaml
 id: mine
