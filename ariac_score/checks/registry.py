@@ -237,6 +237,7 @@ def _as_type(value: Any, wanted: Any) -> Any:
         return MappingProxyType(
             {_as_type(key, get_args(wanted)[0]): _as_type(v, get_args(wanted)[1]) for key, v in value.items()}
         )
+    # YAML writes 1 for 1.0; `true` is an int to Python, but no number to a person.
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
             raise ValueError(f"{value!r} is not finite")

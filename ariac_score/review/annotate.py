@@ -132,6 +132,7 @@ def _topics(found: Iterable[MarginSeries]) -> list[str]:
     taken: set[str] = set()
     for track in found:
         parts = [_part(part) for part in (track.check, *track.subject.split("/")[:5], track.what) if part]
+        # Two subjects can come to the same name once ROS allows every character of it.
         name = plain = f"{ROOT}/{'/'.join(parts)}"
         number = 2
         while name in taken:
@@ -151,7 +152,7 @@ def without_margins(found: Iterable[MarginSeries]) -> list[str]:
 def _part(text: str) -> str:
     """One part of a topic name: ASCII letters, digits and underscores, not beginning with a digit."""
     kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in text[:60])
-    kept = re.sub(r"__+", "_", kept)
+    kept = re.sub(r"__+", "_", kept)  # ROS 2 allows no two underscores in a row
     return f"_{kept}" if kept[:1].isdigit() else kept
 
 

@@ -205,6 +205,7 @@ def audit(
     registry = registry or Registry()
     bundle, readers = find_trial(path, registry)
     official, layout = _official(bundle, readers)
+    # A run that crashed has no score to compare; that is a finding of the audit, not an error.
     if not official.summaries and official.total is None:
         outcome = _OUTCOMES.get(official.outcome, official.outcome or "the text holds no score")
         return Audit(bundle.id, official.source, layout, outcome)

@@ -101,6 +101,7 @@ def compare_rules(first: Certain, second: Certain) -> Comparison:
     task of another kind.
     """
     comparing = _Comparing(first, second)
+    # From the parts outwards: a change inside must be known when what is made of it is explained.
     for pair in _pairs(first, second):
         comparing.take(*pair)
     comparing.explain_from_outside()
@@ -175,7 +176,7 @@ def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Exp
         for path in paths:
             for term in sheets[0].terms.get(level, {}):
                 if term in sheets[1].terms.get(level, {}):
-                    name = Expression.parse(term)
+                    name = Expression.parse(term)  # by name: each rule set evaluates its own formula
                     yield level, path, term, name, name
     # Where a rule set compares teams, one trial has a task score and no score.
     scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]

@@ -276,7 +276,7 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
                 for verdict in watch.step(samples):
                     if window is not None and window.start_s <= verdict.t_s <= window.end_s:
                         verdicts.setdefault(verdict.subject, []).append(verdict)
-    except Exception as cause:
+    except (Exception, SystemExit) as cause:  # a plugin that calls sys.exit must not end the program
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
     return [_online_track(name, subject, own) for subject, own in verdicts.items()]
 

@@ -109,6 +109,7 @@ def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
     spans: dict[str, list[Span]] = {}
     for finding in result.measured.findings.values():
         if finding.verdict is Verdict.INCONCLUSIVE:
+            # The first cause stands for all of a check; most often the others repeat it.
             causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)

@@ -248,18 +248,19 @@ def _undone(world: World, case: Case, *, but: int = 0) -> frozenset[tuple[str, s
     Findings that earn points are violated, those that only have to be kept are satisfied;
     the kind of a task stays as it is.
     """
+    left_out = world.scopes(case).inner[but:]
+
+    def is_left_out(subject: str) -> bool:
+        return any(order.contains(subject) for order in left_out)
+
     undone = {
         (check, subject)
         for check in world.earning
         for subject in world.subjects(case, check)
-        if _order(subject) >= but
+        if is_left_out(subject)
     }
-    kept = {each for each in case.failed if each[0] in world.kinds or _order(each[1]) < but}
+    kept = {each for each in case.failed if each[0] in world.kinds or not is_left_out(each[1])}
     return frozenset(undone | kept)
-
-
-def _order(subject: str) -> int:
-    return int(subject.split("/", maxsplit=1)[0].removeprefix("order_"))
 
 
 def _draw_work(world: World, rng: Random) -> Situation:
