@@ -175,6 +175,7 @@ class Format(Generic[T]):
             ScoreError: Of the kind of this format: missing, or not such a document.
         """
         try:
+            # Before reading: anyone may name a file that does not fit into memory.
             if file.stat().st_size > MAX_BYTES:
                 raise self._too_large(file)
             document = file.read_bytes()

@@ -447,9 +447,11 @@ def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | 
     if isinstance(result, ScoreError):
         return result
     if knob.check:
+        # `reprice` looks for each check with the parameters of the new rules.
         checks = dict(result.checks)
         if knob.check in checks:
             checks[knob.check] = {**checks[knob.check], "with": dict(rules.checks[knob.check].parameters)}
+        # A stored run among logs cannot be measured again: its findings stay.
         measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
         result = replace(result, measured=measured, checks=checks)
     try:

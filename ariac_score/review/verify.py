@@ -15,7 +15,7 @@ from typing import Any
 
 from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.documents.schema import strict_json
-from ariac_score.engine.price import reprice
+from ariac_score.engine.price import check_uses, reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.engine.settings import plain_value
 from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
@@ -205,8 +205,7 @@ def _rules(result: Result, given: RuleSet | None, *, required: bool) -> Step:
         return Step(
             "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
         )
-    used = {check: _used(own, check) for check in own.checks}
-    if (own.title, own.notes, used) != (result.rule_set_title, result.notes, result.checks):
+    if (own.title, own.notes, check_uses(own)) != (result.rule_set_title, result.notes, result.checks):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
     for check, parameter in _given_otherwise(result):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
@@ -243,16 +242,6 @@ def _text(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-def _used(rule_set: RuleSet, name: str) -> dict[str, Any]:
-    check = rule_set.checks[name]
-    return {
-        "use": check.use,
-        "with": dict(check.parameters),
-        "on_inconclusive": check.on_inconclusive,
-        "priced": name in rule_set.sheet.priced,
-    }
-
-
 def _code(result: Result) -> Step:
     """Which recorded versions are not those installed here."""
     if not result.provenance.code:
@@ -270,6 +259,7 @@ def _other(code: Code) -> str:
     try:
         here = version(distribution)
         own = package_sha256(package)
+    # ValueError and ImportError: `find_spec` raises them for names that are no importable package here.
     except (PackageNotFoundError, PluginError, ValueError, ImportError):
         return f"{distribution} {recorded} with {package} made it, and is not installed here"
     if here != recorded:

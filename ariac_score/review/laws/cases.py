@@ -32,6 +32,7 @@ TICKS_PER_S = 10
 LONGEST_S = 60
 """Violations of random cases lie in the first minute."""
 
+# Two, so that a price for each pair and one for the whole trial differ.
 PAIRS = ("robot/human_1", "robot/human_2")
 _SEVERITIES = frozenset({"time_in_violation_s", "relative_depth_integral_s", "relative_depth_max"})
 _NUMBERS = (1.0, 2.0, 3.0, 5.0, 10.0)
@@ -202,7 +203,7 @@ class World:
         found = [finding for check in self.uses for finding in self._findings(check, case)]
         numbered: dict[str, Finding] = {}
         for number, finding in enumerate(found):
-            numbered[f"{finding.check}#{number:03d}"] = finding
+            numbered[f"{finding.check}#{number:03d}"] = finding  # padded: ids are sorted as text
         return numbered
 
     def _findings(self, check: str, case: Case) -> Iterator[Finding]:

@@ -125,6 +125,7 @@ def _upto(rng: Random, count: int) -> int:
 
 def _draw_more(world: World, rng: Random) -> Situation:
     case, more = draw_case(world, rng), draw_violation(world, rng)
+    # Half of the time where a price for each episode fails: one more violation makes one episode of two.
     if world.watched and rng.random() < 0.5:
         return _draw_joined(world, rng, case)
     if case.violations and rng.random() < 0.5:  # another of the same, overlapping or not
@@ -301,6 +302,7 @@ _PIECES = 2
 def _draw_pieces(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng, most_violations=3)
     failed = frozenset[tuple[str, str]]()
+    # Into the first 15 s, which `_pieces` requires: they must end before the next piece begins.
     first = tuple(
         replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations
     )
@@ -386,6 +388,7 @@ def _pause(world: World, situation: Situation) -> Broken | None:
     case, split, until = situation.case, situation.violation, situation.at + situation.ticks
     if split is None or not split.start < situation.at < until < split.end:
         return None
+    # A pause as long as t_off separates two violations; the law is about shorter ones.
     if situation.ticks / TICKS_PER_S >= world.t_off_s(split.check) - 1e-6:
         return None
     whole = replace(case, violations=tuple(sorted([*case.violations, split])))

@@ -19,6 +19,7 @@ DEFAULT_CASES = 400
 """Random cases for each law."""
 
 _MOST_STEPS = 2000
+"""A counter-example is reduced by so many tries at most; it is one at every step."""
 
 
 @dataclass(frozen=True)
