@@ -90,6 +90,31 @@ class Plugin:
             PluginError: The plugin does not keep its contract.
         """
         kind = self.load()
+        values = self._typed(kind, parameters, place)
+        self._refuse_by_position(kind)  # first: it names the argument, as the TypeError of the call does not
+        try:
+            with quiet(self.origin, deep=True):
+                plugin = kind(**values)
+        except ValueError as cause:  # what `__post_init__` raises for a number that makes no sense
+            raise RuleSetError(
+                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
+            ) from None
+        except (Exception, SystemExit) as cause:
+            raise PluginError(
+                f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
+                hint="parameters must be keyword arguments with a default or a value in the rule set",
+            ) from cause
+        from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
+
+        if not isinstance(plugin, GROUPS[self.group]):
+            raise PluginError(
+                f"plugin {self.origin} does not keep the contract of a {GROUPS[self.group].__name__}",
+                hint="see ariac_score.checks.contracts for the methods it must have",
+            )
+        return plugin
+
+    def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
+        """The parameters with the types that the plugin declares."""
         try:
             fields = parameters_of(kind)
         except (NameError, TypeError, AttributeError) as cause:
@@ -114,6 +139,7 @@ class Plugin:
                     place=place(name),
                     hint=_remedy(value, fields[name]),
                 ) from None
+<<<<<<< HEAD
         self._refuse_by_position(kind)
         try:
             with quiet(self.origin, deep=True):
@@ -137,6 +163,9 @@ class Plugin:
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
         return plugin
+=======
+        return values
+>>>>>>> price
 
     def _refuse_by_position(self, kind: Any) -> None:
         problem = not_by_name(kind)
@@ -237,6 +266,7 @@ def _as_type(value: Any, wanted: Any) -> Any:
         return MappingProxyType(
             {_as_type(key, get_args(wanted)[0]): _as_type(v, get_args(wanted)[1]) for key, v in value.items()}
         )
+    # YAML writes 1 for 1.0; `true` is an int to Python, but no number to a person.
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
             raise ValueError(f"{value!r} is not finite")

@@ -79,7 +79,7 @@ def ask(
             f"longer than its budget of {allowed_s:g} s\n"
         )
     if _marks(trial) != before:
-        raise broken(plugin, "changed the trial it was asked about", of=name)
+        raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     units = _units(plugin, name, findings)
@@ -106,7 +106,7 @@ def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Char
 
 
 def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]], trial: Trial) -> list[Chart]:
-    trial = replace(trial)
+    trial = replace(trial)  # its own, as in `ask`
     before = _marks(trial)
     try:
         with quiet(plugin.origin):
@@ -115,10 +115,10 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
         return []
     except (Exception, SystemExit) as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} when asked what it saw: {cause}", of=name
+            plugin, f"raised {type(cause).__name__} when it gave its charts: {cause}", of=name
         ) from cause
     if _marks(trial) != before:
-        raise broken(plugin, "changed the trial it was asked about", of=name)
+        raise broken(plugin, "changed the trial it was given", of=name)
     for chart in charts:
         if not isinstance(chart, Chart):
             raise broken(plugin, f"shows a {type(chart).__name__} instead of a Chart", of=name)

@@ -137,13 +137,7 @@ def read_trial(
         NothingToScoreError: There is configuration but no record of a trial, or no order.
     """
     decoders, kits = _decoders(log_map, registry), _kit_finder(log_map, registry)
-    if not any(part.role in ("log", "official") for part in bundle.parts):
-        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
-        raise NothingToScoreError(
-            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
-            file=bundle.root,
-            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
-        )
+    _refuse_without_record(bundle)
     sources = source_quantities(quantities)
     trials = []
     for number, part in enumerate(bundle.parts):
@@ -172,6 +166,16 @@ def read_trial(
         )
     progress(1.0)
     return trial
+
+
+def _refuse_without_record(bundle: Bundle) -> None:
+    if not any(part.role in ("log", "official") for part in bundle.parts):
+        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
+        raise NothingToScoreError(
+            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
+            file=bundle.root,
+            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
+        )
 
 
 def read_needed(

@@ -41,6 +41,7 @@ def _as_plain(value: Any) -> Any:
     raise NotImplementedError(f"{type(value).__name__} cannot be stored")
 
 
+# Amounts are numbers in JSON, not texts; as decimals they keep their trailing zeros.
 _ENCODER = msgspec.json.Encoder(order="sorted", decimal_format="number", enc_hook=_as_plain)
 _NO_NUMBER = re.compile(rb"\xcb[\x7f\xff][\xf0-\xff]")
 """How an infinite float64, or one that is no number, begins in MessagePack."""
@@ -174,6 +175,7 @@ class Format(Generic[T]):
             ScoreError: Of the kind of this format: missing, or not such a document.
         """
         try:
+            # Before reading: anyone may name a file that does not fit into memory.
             if file.stat().st_size > MAX_BYTES:
                 raise self._too_large(file)
             document = file.read_bytes()
@@ -245,6 +247,7 @@ class Format(Generic[T]):
         while version < self.version:
             try:
                 data = self.before[version](data)
+            # A file that states an older version may hold anything.
             except (KeyError, TypeError, AttributeError, IndexError) as cause:
                 words = f"it breaks the format ariac-score/{self.name}/{version} at {cause}"
                 raise self.error(words, file=file, place="$", hint=self._hint) from None
@@ -349,7 +352,7 @@ def _exact_place(path: str, data: Any, kind: Any) -> str:
     """
     place = "$"
     steps = re.findall(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]", path)
-    whole: Any = deepcopy(data)
+    whole: Any = deepcopy(data)  # `_still_wrong` takes keys out of it
     at: list[str | int] = []
     for name, index in steps:
         inner = _at(whole, at)

@@ -51,6 +51,7 @@ def findings_json(measured: Measured) -> str:
 
 # What decisions are made for -----------------------------------------------------------
 
+# By name: a field that `Measured` or `Finding` gets later must not change hashes that decisions hold.
 _HASHED = (
     *("trial", "team", "clock", "scopes", "coverage"),
     *("log_defects", "unrecorded", "witnessed", "official"),

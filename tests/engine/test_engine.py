@@ -484,7 +484,7 @@ BROKEN = {
     ),
     "goes behind the lock": (
         "object.__setattr__(trial, 'events', ())\nyield Finding.satisfied('t', 'x')",
-        "changed the trial it was asked about",
+        "changed the trial it was given",
     ),
     "stretches time": ("trial.signals['speed/human'].t[0] = -1.0\nyield", "raised ValueError"),
 }

@@ -15,7 +15,7 @@ from ariac_score import as_json, load_result, score_trial
 from ariac_score.cli import main
 from ariac_score.errors import NothingToScoreError, ResultError
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.review.verify import Verification, verify_result
+from ariac_score.review.verify import Verification, _is_record, verify_result
 from ariac_score.testing.stored import rewritten
 
 ROOT = Path(__file__).parents[2]
@@ -384,3 +384,20 @@ def test_a_log_that_is_not_there_is_named(stored: Path) -> None:
         verify_result(stored, log=Path("nowhere.mcap"))
     assert main(["verify", str(stored), "--log", "nowhere.mcap"]) == 5
     assert main(["verify", "nowhere.json"]) == 6
+
+
+@pytest.mark.parametrize(
+    ("place", "record"),
+    [
+        (("provenance", "code", 0, "sha256"), True),
+        (("measured", "findings", "near#1", "units", "depth_m"), True),
+        (("measured", "findings", "near#1", "quantities", "units_kept"), False),
+        (("measured", "findings", "near#1", "quantities", "a.units"), False),
+        (("measured", "settings", "near"), False),  # the example keeps its settings
+        (("score",), False),
+    ],
+)
+def test_only_provenance_and_declared_units_may_differ_with_the_same_findings(
+    stored: Path, place: tuple[str | int, ...], record: bool
+) -> None:
+    assert _is_record(place, load_result(stored)) is record
