@@ -101,14 +101,16 @@ class Plugin:
             ) from None
         except (Exception, SystemExit) as cause:
             raise PluginError(
-                f"plugin {self.origin} cannot be built: {type(cause).__name__}: {cause}",
+                f"cannot be built: {type(cause).__name__}: {cause}",
+                origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
         from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
 
         if not isinstance(plugin, GROUPS[self.group]):
             raise PluginError(
-                f"plugin {self.origin} does not keep the contract of a {GROUPS[self.group].__name__}",
+                f"does not keep the contract of a {GROUPS[self.group].__name__}",
+                origin=self.origin,
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
         return plugin
@@ -139,33 +141,7 @@ class Plugin:
                     place=place(name),
                     hint=_remedy(value, fields[name]),
                 ) from None
-<<<<<<< HEAD
-        self._refuse_by_position(kind)
-        try:
-            with quiet(self.origin, deep=True):
-                plugin = kind(**values)
-        except ValueError as cause:
-            raise RuleSetError(
-                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
-            ) from None
-        except (Exception, SystemExit) as cause:
-            raise PluginError(
-                f"cannot be built: {type(cause).__name__}: {cause}",
-                origin=self.origin,
-                hint="parameters must be keyword arguments with a default or a value in the rule set",
-            ) from cause
-        from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
-
-        if not isinstance(plugin, GROUPS[self.group]):
-            raise PluginError(
-                f"does not keep the contract of a {GROUPS[self.group].__name__}",
-                origin=self.origin,
-                hint="see ariac_score.checks.contracts for the methods it must have",
-            )
-        return plugin
-=======
         return values
->>>>>>> price
 
     def _refuse_by_position(self, kind: Any) -> None:
         problem = not_by_name(kind)

@@ -85,7 +85,15 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     mapping = prepared.log_map if prepared else load_log_map(name)
     try:
         with progress_bar(arguments.path) as progress:
-            trial = read_trial(bundle, readers, mapping, registry, quantities=QUANTITIES, progress=progress)
+            trial = read_trial(
+                bundle,
+                readers,
+                mapping,
+                registry,
+                quantities=[*QUANTITIES, *mapping.quantities],
+                progress=progress,
+                orders=prepared is not None and prepared.rule_set.about_orders,
+            )
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]
     except LogError as error:

@@ -12,6 +12,7 @@ from typing import Any
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import reprice
+from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.competition import stored_results
 from ariac_score.ranking.rank import rank_results
@@ -164,6 +165,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
         prepared.refuse_unknown_quantities()
+        plugins_of_log_map(prepared.log_map, registry)
         rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""

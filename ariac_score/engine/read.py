@@ -28,6 +28,7 @@ from ariac_score.trial.model import TeamSetup, Trial
 __all__ = [
     "find_trial",
     "no_progress",
+    "plugins_of_log_map",
     "read_needed",
     "read_trial",
     "refuse_other_years",
@@ -136,7 +137,7 @@ def read_trial(
         LogError: A part is damaged, or two parts contradict each other.
         NothingToScoreError: There is configuration but no record of a trial, or no order.
     """
-    decoders, kits = _decoders(log_map, registry), _kit_finder(log_map, registry)
+    decoders, kits = plugins_of_log_map(log_map, registry)
     _refuse_without_record(bundle)
     sources = source_quantities(quantities)
     trials = []
@@ -211,6 +212,15 @@ def read_needed(
         jobs=jobs,
         orders=prepared.rule_set.about_orders if orders is None else orders,
     )
+
+
+def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], KitFinder | None]:
+    """The decoders that a log map names, by name, and what finds kits for it.
+
+    Raises:
+        LogMapError: One of them is not installed, or cannot be built.
+    """
+    return _decoders(log_map, registry), _kit_finder(log_map, registry)
 
 
 def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:

@@ -81,13 +81,8 @@ def messages_of(
     Raises:
         LogError: The log's clock is before its own zero, or beyond the range of a stamp.
     """
-<<<<<<< HEAD
     clock = _Clock(origin_ns(trial.clocks), frame)
-    told = [
-=======
-    clock = _Clock(origin_ns(trial.clock), frame)
     others = [
->>>>>>> price
         Annotation(t_ns, topic, kind, serialized(kind, fields))
         for t_ns, topic, kind, fields in (
             *_markers(result, trial, clock),

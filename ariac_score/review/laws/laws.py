@@ -94,6 +94,15 @@ def _fine(_world: World) -> str:
     return ""
 
 
+def _recorded(world: World) -> bool:
+    """Whether formulas ask a rule for numbers, such as those that an official text prints."""
+    checks = world.rule_set.checks
+    return any(checks[name].group == "ariac_score.rules" for name in world.measured if name in checks)
+
+
+_NO_WORK = "nothing in it earns points, so whoever does nothing always has the most"
+
+
 def _without_safety(world: World) -> str:
     return "" if world.safety else "the score asks about no violation of a monitor"
 
@@ -105,12 +114,16 @@ def _without_time(world: World) -> str:
 
 
 def _without_points(world: World) -> str:
-    return "" if world.task else "its points are numbers read from a record, not verdicts"
+    if world.task:
+        return ""
+    return "its points are numbers read from a record, not verdicts" if _recorded(world) else _NO_WORK
 
 
 def _without_work(world: World) -> str:
     if not world.safety:
         return _without_safety(world)
+    if not world.earning and not _recorded(world):
+        return _NO_WORK
     if not world.earning or set(world.earning) & set(world.measured):
         return "what work earns is read from a record, so no work cannot be made up"
     return ""
