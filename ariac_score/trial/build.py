@@ -333,9 +333,10 @@ def _irregular(counted: Sequence[Submission], orders: Sequence[Order]) -> dict[s
 
 def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
     """The clocks of the parts, the one with most detail of each; that of the times stands first."""
-    timed_first = sorted(parts, key=lambda part: part.recorded is None)
+    # Times of one kind of clock are taken as comparable even where one log does not give its origin.
+    ranked = sorted(parts, key=lambda part: (part.recorded is None, _times_clock(part).origin_ns is None))
     found: dict[tuple[str, int | None], Clock] = {}
-    for clock in (clock for part in timed_first for clock in part.clocks):
+    for clock in (clock for part in ranked for clock in part.clocks):
         key = clock.kind, clock.origin_ns
         found[key] = max(found.get(key, clock), clock, key=lambda c: len(c.detail))
     return tuple(found.values())

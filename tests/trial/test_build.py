@@ -481,6 +481,13 @@ def test_the_clock_of_the_times_stands_before_one_of_a_log_without_times() -> No
     assert whole.clock == "competition time; log time, origin 7 ns"
 
 
+def test_a_known_origin_counts_for_a_log_that_gives_none() -> None:
+    given = Trial("a", recorded=Span(0.0, 50.0), clocks=(Clock("log time", 7),))
+    without = Trial("b", recorded=Span(0.0, 50.0), clocks=(Clock("log time"),))
+
+    assert merged(without, given).clocks[0] == merged(given, without).clocks[0] == Clock("log time", 7)
+
+
 @pytest.mark.parametrize(
     "text",
     [
