@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for, decoder_for
 from ariac_score.logs.containers.items import Connection
 
@@ -49,6 +50,15 @@ def test_a_definition_that_cannot_be_used_is_refused_with_the_cause(text: str, c
     for wanted in (column_decoder_for, decoder_for):
         with pytest.raises(UnknownTypeError, match=f"(?i)definition of it cannot be used.*{cause}"):
             wanted(connection(text))
+
+
+@pytest.mark.parametrize("line", ["int8[-1] x", "int8[<=-1] x", "Other[-3] x"])
+def test_an_array_of_fewer_than_no_elements_has_no_layout(line: str) -> None:
+    """rosbags takes it, so it decides on every message."""
+    text = f"int8 a\n{line}\n{LINE}\nMSG: test_msgs/Other\nfloat64 y\n"
+
+    with pytest.raises(PlanError, match=r"an array of -[13] elements"):
+        column_decoder_for(connection(text))
 
 
 @pytest.mark.parametrize(
