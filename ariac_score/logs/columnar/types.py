@@ -39,6 +39,11 @@ _LONGEST_SEQUENCE = 1 << 24
 """Elements in one array of a message: the size of a message does not bound elements that take no bytes."""
 
 
+_MOST_LINES = 10_000
+"""Lines of a definition. Large ones of real robots have some thousand, comments included. The time that
+rosbags takes grows with the square of the fields: a hostile definition of a megabyte would take minutes."""
+
+
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
 
 
@@ -164,6 +169,12 @@ def _typestore_for(
         if not definition_format:
             raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
         # A recorder that names the format of an empty text means a message without fields.
+    # Each field ends a line, or in IDL a declaration.
+    count = max(definition.count("\n"), definition.count(";"))
+    if count > _MOST_LINES:
+        raise UnknownTypeError(
+            f"the recording's definition of it has {count} lines, {_MOST_LINES} are allowed"
+        )
     with _refusing_definitions():
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE
