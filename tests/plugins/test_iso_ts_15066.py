@@ -6,7 +6,7 @@ Worked examples: monitor catalogue, M1 and section 3, and `worked_examples.json`
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -111,32 +111,29 @@ def test_a_human_covers_ground_while_the_robot_reacts_and_while_it_stops() -> No
     assert monitor.d_min_m(np.array([1.6]), np.array([1.0]))[0] == pytest.approx(1.31)
 
 
-def _examples() -> list[Any]:
+SYMBOLS = {"t1_s": "t1", "t2_s": "t2", "stopping_distance_m": "B", "delta_m": "delta", "cap_m": "cap"}
+
+
+def test_the_worked_examples_of_the_shared_file(subtests: pytest.Subtests) -> None:
     if not EXAMPLES_FILE.is_file():
-        return []
+        pytest.skip("the worked examples (../shared/standards) are not here")
     examples = json.loads(EXAMPLES_FILE.read_text(encoding="utf-8"))["examples"]
-    return [pytest.param(e, id=e["id"]) for e in examples if e["monitor"] == "M1.seed"]
+    of_the_seed = [example for example in examples if example["monitor"] == "M1.seed"]
+    assert {example["id"] for example in of_the_seed} >= {"W1.1", "W1.2", "W1.3"}
+    for example in of_the_seed:
+        with subtests.test(example["id"]):
+            inputs = example["inputs"]
+            wanted = {name: inputs[key] for name, key in SYMBOLS.items() if inputs[key] is not None}
+            fitting = [profile for profile, known in PROFILES.items() if known == wanted]
+            if not fitting:
+                pytest.skip(f"no profile has {wanted}")
 
+            (profile,) = fitting
+            required_m = SsmSeparation(profile=profile).d_min_m(
+                np.array([inputs["k_H"]]), np.array([inputs["k_R"]])
+            )  # type: ignore[arg-type]
 
-@pytest.mark.parametrize("example", _examples())
-def test_a_worked_example_of_the_shared_file(example: Mapping[str, Any]) -> None:
-    told = example["inputs"]
-    values = {"t1_s": "t1", "t2_s": "t2", "stopping_distance_m": "B", "delta_m": "delta", "cap_m": "cap"}
-    wanted = {name: told[key] for name, key in values.items() if told[key] is not None}
-    fitting = [profile for profile, known in PROFILES.items() if known == wanted]
-    if not fitting:
-        pytest.skip(f"no profile has {wanted}")
-
-    (profile,) = fitting
-    required_m = SsmSeparation(profile=profile).d_min_m(np.array([told["k_H"]]), np.array([told["k_R"]]))  # type: ignore[arg-type]
-
-    assert required_m[0] == pytest.approx(example["expected"]["d_min_m"], abs=example["tolerance"])
-
-
-def test_the_shared_file_has_examples_of_the_seed_formula() -> None:
-    if not SHARED.is_dir():
-        pytest.skip("the folder of official material (../shared) is not here")
-    assert {p.id for p in _examples()} >= {"W1.1", "W1.2", "W1.3"}
+            assert required_m[0] == pytest.approx(example["expected"]["d_min_m"], abs=example["tolerance"])
 
 
 @st.composite
@@ -403,21 +400,21 @@ def test_a_trial_without_violation_tells_its_closest_moment() -> None:
     assert [sample.t_s for sample in finding.evidence] == [0.01] * 4
 
 
-@pytest.mark.parametrize(
-    ("start_s", "end_s", "violations"), [(2.0, 4.0, 0), (1.0, 4.0, 1), (2.0, 5.0, 1), (0.0, 6.0, 2)]
-)
-def test_only_what_happens_during_the_competition_counts(
-    start_s: float, end_s: float, violations: int
-) -> None:
-    # Too close on [0, 1] and on [5, 6], both ends included.
-    t = at_100_hz(6.0)
-    near = [1.0 if s <= 1.0 or s >= 5.0 else 9.0 for s in t]
-    events = (Event(start_s, "competition_started"), Event(end_s, "competition_ended"))
+def test_only_what_happens_during_the_competition_counts(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float, int]] = [(2.0, 4.0, 0), (1.0, 4.0, 1), (2.0, 5.0, 1), (0.0, 6.0, 2)]
+    for start_s, end_s, violations in cases:
+        with subtests.test(start_s=start_s, end_s=end_s, violations=violations):
+            # Too close on [0, 1] and on [5, 6], both ends included.
+            t = at_100_hz(6.0)
+            near = [1.0 if s <= 1.0 or s >= 5.0 else 9.0 for s in t]
+            events = (Event(start_s, "competition_started"), Event(end_s, "competition_ended"))
 
-    found = list(SsmSeparation().watch(watched(t, near, events=events)))
+            found = list(SsmSeparation().watch(watched(t, near, events=events)))
 
-    assert [f.verdict for f in found] == ([VIOLATED] * violations or [SATISFIED])
-    assert all(f.span and start_s <= f.span.start_s <= f.span.end_s <= end_s for f in found[:violations])
+            assert [f.verdict for f in found] == ([VIOLATED] * violations or [SATISFIED])
+            assert all(
+                f.span and start_s <= f.span.start_s <= f.span.end_s <= end_s for f in found[:violations]
+            )
 
 
 # Several bodies ------------------------------------------------------------------------
@@ -898,9 +895,11 @@ def test_a_negative_parameter_is_refused_and_named(name: str, value: float) -> N
         SsmSeparation(**{name: value})
 
 
-@pytest.mark.parametrize("name", TIMES_AND_LENGTHS)
-def test_a_parameter_may_be_zero(name: str) -> None:
-    assert getattr(build(**{name: 0}), name) == 0.0
+def test_a_parameter_may_be_zero(subtests: pytest.Subtests) -> None:
+    cases = TIMES_AND_LENGTHS
+    for name in cases:
+        with subtests.test(name=name):
+            assert getattr(build(**{name: 0}), name) == 0.0
 
 
 @pytest.mark.parametrize(("written", "word"), [(True, "yes"), (False, "no"), ("yes", "yes"), ("no", "no")])
@@ -909,12 +908,11 @@ def test_yes_and_no_need_no_quotes_in_yaml(name: str, written: Any, word: str) -
     assert getattr(build(**{name: written}), name) == word
 
 
-@pytest.mark.parametrize(
-    ("name", "written"), [("profile", True), ("blame", 1), ("speeds", False), ("blame", "y")]
-)
-def test_no_other_choice_takes_a_truth(name: str, written: Any) -> None:
-    with pytest.raises(RuleSetError, match="is not one of"):
-        build(**{name: written})
+def test_no_other_choice_takes_a_truth(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any]] = [("profile", True), ("blame", 1), ("speeds", False), ("blame", "y")]
+    for name, written in cases:
+        with subtests.test(name=name), pytest.raises(RuleSetError, match="is not one of"):
+            build(**{name: written})
 
 
 @pytest.mark.parametrize("value", [0.0, -0.05, float("nan")])

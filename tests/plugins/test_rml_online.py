@@ -189,7 +189,9 @@ def test_nothing_is_said_without_a_specification_events_or_bodies() -> None:
         assert list(monitor.begin(bodies).step([sample])) == []
 
 
-@pytest.mark.parametrize("name", ["far", "opened", "stops", "ill typed"])
+@pytest.mark.parametrize(
+    "name", ["far", "opened", pytest.param("stops", marks=pytest.mark.slow), "ill typed"]
+)
 def test_it_keeps_the_contract_online(name: str) -> None:
     monitor = RmlSpec(*SPECS[name])
     assert isinstance(monitor, OnlineMonitor)

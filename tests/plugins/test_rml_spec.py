@@ -140,21 +140,20 @@ def test_any_trial_gets_the_findings_of_the_separation_monitor(
     assert [told(f)[:6] for f in in_rml] == [told(f)[:6] for f in built_in]
 
 
-@pytest.mark.parametrize(
-    ("distance_m", "exact", "verdict"),
-    [
+def test_equal_distance_satisfies(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool, Verdict]] = [
         (2.6, True, Verdict.SATISFIED),
         (np.nextafter(2.6, 0), True, Verdict.VIOLATED),
         (np.nextafter(2.6, 0), False, Verdict.SATISFIED),  # the reference tolerates 1e-10
         (2.6 - 2e-10, False, Verdict.VIOLATED),
-    ],
-)
-def test_equal_distance_satisfies(distance_m: float, exact: bool, verdict: Verdict) -> None:
-    finding = only(RmlSpec(SPEC, SNAPSHOT, exact=exact), watched(at_100_hz(1.0), distance_m))
+    ]
+    for distance_m, exact, verdict in cases:
+        with subtests.test(distance_m=distance_m, exact=exact):
+            finding = only(RmlSpec(SPEC, SNAPSHOT, exact=exact), watched(at_100_hz(1.0), distance_m))
 
-    assert finding.verdict is verdict
-    assert finding.robustness is not None
-    assert (finding.robustness < 0) is (verdict is Verdict.VIOLATED)
+            assert finding.verdict is verdict
+            assert finding.robustness is not None
+            assert (finding.robustness < 0) is (verdict is Verdict.VIOLATED)
 
 
 # After a violation -----------------------------------------------------------------------
@@ -223,9 +222,8 @@ def test_without_a_specification_or_events_nothing_passes(monitor: RmlSpec) -> N
     assert only(monitor, near_misses(1)).verdict is Verdict.INCONCLUSIVE
 
 
-@pytest.mark.parametrize(
-    ("spec", "cause"),
-    [
+def test_an_event_that_cannot_be_judged_leaves_the_rest_undecided(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str]] = [
         (
             "a matches {topic:'gap', d:d} with d ^ 0.5 > 1.5; Main = a*;",
             "event 1, at 0.000 s: '^' has no value",
@@ -233,14 +231,14 @@ def test_without_a_specification_or_events_nothing_passes(monitor: RmlSpec) -> N
         ("a matches {topic:t, d:_} with t > 1; Main = a*;", "event 1, at 0.000 s: 't' is the string 'gap'"),
         ("a(x) matches {topic:'gap', d:x}; Main = {let x; if (x > 1) a(x)* else empty};", "the beginning"),
         ("a(x) matches {topic:'gap', d:x}; Main = ({let x; a(x) Main} | never)?;", "grown beyond"),
-    ],
-)
-def test_an_event_that_cannot_be_judged_leaves_the_rest_undecided(spec: str, cause: str) -> None:
-    finding = only(RmlSpec(spec, GAP, max_state=50), watched(at_100_hz(1.0), -2.0))
+    ]
+    for spec, cause in cases:
+        with subtests.test(spec=spec, cause=cause):
+            finding = only(RmlSpec(spec, GAP, max_state=50), watched(at_100_hz(1.0), -2.0))
 
-    assert finding.verdict is Verdict.INCONCLUSIVE
-    assert cause in finding.message
-    assert finding.span == Span(finding.span.start_s if finding.span else 0.0, 1.0)
+            assert finding.verdict is Verdict.INCONCLUSIVE
+            assert cause in finding.message
+            assert finding.span == Span(finding.span.start_s if finding.span else 0.0, 1.0)
 
 
 # Other specifications --------------------------------------------------------------------

@@ -383,10 +383,16 @@ def test_the_recursion_of_until_step_by_step(pairs: list[tuple[float, float]], s
     assert chained(caps, floors, start).tolist() == wanted
 
 
-@pytest.mark.parametrize("width", [1, 2, 63, 64, 65, 128, 5_000, 10_000, 20_000])
-def test_long_and_short_windows_agree_whichever_way_they_are_found(width: int) -> None:
-    values = np.random.default_rng(1).random(10_000)
-    rows = np.arange(10_000)
+def test_long_and_short_windows_agree_whichever_way_they_are_found(subtests: pytest.Subtests) -> None:
+    cases: list[int] = [1, 2, 63, 64, 65, 128, 5_000, 10_000, 20_000]
+    for width in cases:
+        with subtests.test(width=width):
+            values = np.random.default_rng(1).random(10_000)
+            rows = np.arange(10_000)
 
-    assert (lowest_sliding(values, 0, width - 1) == lowest_between(values, rows, rows + width - 1)).all()
-    assert (lowest_sliding(values, 1 - width, 0) == lowest_between(values, rows - width + 1, rows)).all()
+            assert (
+                lowest_sliding(values, 0, width - 1) == lowest_between(values, rows, rows + width - 1)
+            ).all()
+            assert (
+                lowest_sliding(values, 1 - width, 0) == lowest_between(values, rows - width + 1, rows)
+            ).all()

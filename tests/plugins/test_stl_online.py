@@ -285,23 +285,22 @@ def test_an_always_with_bounds_is_final_when_they_have_passed() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "more", "why"),
-    [
+def test_what_cannot_be_said_before_the_end_is_said_to_be_so(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, str]] = [
         ("always (d < 1 -> eventually v < 0.1)", {}, "'eventually v < 0.1' (column 18) looks ahead without"),
         ("always (v < 1 until d < 1)", {}, "'v < 1 until d < 1' (column 9) looks ahead without a bound"),
         ("eventually v < 1", {}, "give it bounds, as in 'eventually[0,5]'"),
         ("always v < 1", {"time": "dense"}, "dense time is judged at the end"),
-    ],
-)
-def test_what_cannot_be_said_before_the_end_is_said_to_be_so(text: str, more: Any, why: str) -> None:
-    monitor = formula(text, **more)
-    trial = log([0.0, 0.1], d=[9, 9], v=[0, 0])
+    ]
+    for text, more, why in cases:
+        with subtests.test(text=text, why=why):
+            monitor = formula(text, **more)
+            trial = log([0.0, 0.1], d=[9, 9], v=[0, 0])
 
-    assert why in undecided_online(monitor.specification)
-    assert monitor.begin(BODIES).undecided == undecided_online(monitor.specification)  # type: ignore[attr-defined]
-    assert said(monitor, trial) == []
-    assert ending(monitor, trial) == list(monitor.watch(trial))
+            assert why in undecided_online(monitor.specification)
+            assert monitor.begin(BODIES).undecided == undecided_online(monitor.specification)  # type: ignore[attr-defined]
+            assert said(monitor, trial) == []
+            assert ending(monitor, trial) == list(monitor.watch(trial))
 
 
 def test_a_formula_about_nobody_known_says_so() -> None:
@@ -393,8 +392,15 @@ def test_the_findings_in_the_end_are_those_of_the_whole_log(
     "monitor",
     [
         formula(STOPS, max_gap_s=0.05),
-        formula("always historically[0,1] v < 0.3", max_gap_s=0.05, t_on_s=0.1),
-        formula("always[1,4] (rise v > 0.2 -> d > 1 since[0.1,2] v < 0.1)", max_gap_s=0.05, beyond="weak"),
+        pytest.param(
+            formula("always historically[0,1] v < 0.3", max_gap_s=0.05, t_on_s=0.1), marks=pytest.mark.slow
+        ),
+        pytest.param(
+            formula(
+                "always[1,4] (rise v > 0.2 -> d > 1 since[0.1,2] v < 0.1)", max_gap_s=0.05, beyond="weak"
+            ),
+            marks=pytest.mark.slow,
+        ),
         formula("eventually v > 0.2", max_gap_s=0.05),
         formula("always v < 0.3", max_gap_s=0.05, time="dense"),
     ],

@@ -354,16 +354,18 @@ ONLINE = ("one_by_one", "instant_by_instant", "standings", "nothing_stepped", "r
 @pytest.mark.parametrize(
     "monitor",
     [
-        SsmSeparation(profile="ariac2023"),
-        SsmSeparation(profile="ariac2023_agent", max_gap_s=0.2),
-        SsmSeparation(blame="yes"),
+        pytest.param(SsmSeparation(profile="ariac2023"), marks=pytest.mark.slow),
+        pytest.param(SsmSeparation(profile="ariac2023_agent", max_gap_s=0.2), marks=pytest.mark.slow),
+        pytest.param(SsmSeparation(blame="yes"), marks=pytest.mark.slow),
         SsmSeparation(),
         SsmSeparation(profile="standard"),
         SsmSpeedCap(),
         HumanContact(),
         NoEvent(kind="part_dropped"),
         Always(holds="v <= 0.5", signals={"v": "speed/{robot}"}, unit="m/s"),
-        Never(holds="v > 0.5", signals={"v": "speed/{robot}"}, unit="m/s"),
+        pytest.param(
+            Never(holds="v > 0.5", signals={"v": "speed/{robot}"}, unit="m/s"), marks=pytest.mark.slow
+        ),
         Always(),
     ],
     ids=lambda monitor: type(monitor).__name__,

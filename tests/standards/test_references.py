@@ -6,9 +6,11 @@ multiples of 1/64 s and values of 1/8 or so, so that limits are met exactly, too
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -42,10 +44,25 @@ from ariac_score_standards import (
 
 TICK_S = 1 / 64
 MAX_GAP_S = 4 * TICK_S
-SEEDS = pytest.mark.parametrize("seed", range(30))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
 
 Bad = Sequence[bool]
+
+
+def on_random_trials(check: Callable[..., None]) -> Callable[..., None]:
+    """One test on 30 random trials, by their seeds: an item for each would cost more than the trial."""
+
+    @wraps(check)
+    def test(subtests: pytest.Subtests, **others: Any) -> None:
+        for seed in range(30):
+            with subtests.test(seed=seed):
+                check(seed, **others)
+
+    given = inspect.signature(check)
+    subtests = inspect.Parameter("subtests", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    others = [parameter for name, parameter in given.parameters.items() if name != "seed"]
+    test.__signature__ = given.replace(parameters=[subtests, *others])  # type: ignore[attr-defined]
+    return test
 
 
 @dataclass
@@ -221,7 +238,7 @@ def slow_required(v_h: float, v_r: float, model: str) -> float:
     return walked + reacted + stopped + 0.125 + 0.25 + 0.0625
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("model", ["linear", "deceleration", "constant_speed"])
 def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     course = Course.of(seed)
@@ -252,7 +269,7 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     assert_met(course, findings, distance, speed, (robot, human))
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("model", ["linear", "deceleration", "constant_speed"])
 def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> None:
     """Both are one requirement; here the reference is a search for the largest speed that is enough."""
@@ -288,7 +305,7 @@ def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> N
     assert_met(course, findings, distance, speed, (robot, human))
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("poses", [False, True])
 def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
     course = Course.of(seed)
@@ -324,7 +341,7 @@ def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
 # Contact -------------------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_contact_against_the_limits_of_the_hand(seed: int) -> None:
     course = Course.of(seed)
     force = course.values([0.0, 0.0, 5.0, 6.0, 139.0, 140.0, 141.0, 280.0, 281.0], hold=12)
@@ -346,7 +363,7 @@ def test_contact_against_the_limits_of_the_hand(seed: int) -> None:
         assert finding.quantities["time_in_violation_s"] == pytest.approx(above)
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("when", ["contact", "near"])
 def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
     course = Course.of(seed)
@@ -381,7 +398,7 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
 # Speeds and stops ------------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_reduced_speed_in_manual_mode(seed: int) -> None:
     course = Course.of(seed)
     speed, manual = course.values([0.125, 0.25, 0.2500001, 0.5]), course.values([0.0, 1.0], hold=20)
@@ -393,7 +410,7 @@ def test_reduced_speed_in_manual_mode(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_standing_still_while_somebody_is_inside(seed: int) -> None:
     course = Course.of(seed)
     x, speed = course.values([-1.0, 0.0, 2.0, 5.0], hold=20), course.values([0.0, 0.01, 0.25], hold=8)
@@ -415,7 +432,7 @@ def test_standing_still_while_somebody_is_inside(seed: int) -> None:
     assert_met(course, findings, apart, speed)
 
 
-@SEEDS
+@on_random_trials
 def test_a_guided_robot(seed: int) -> None:
     course = Course.of(seed)
     held, speed = course.values([0.0, 1.0], hold=15), course.values([0.0, 0.01, 0.125, 0.25, 0.375])
@@ -432,7 +449,7 @@ def test_a_guided_robot(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_stopping(seed: int) -> None:
     course = Course.of(seed)
     course.t = [i * TICK_S for i in range(len(course.t))]  # without gaps: what they do is tested elsewhere
@@ -471,7 +488,7 @@ def test_stopping(seed: int) -> None:
     assert finding.verdict is (Verdict.VIOLATED if late else Verdict.SATISFIED)
 
 
-@SEEDS
+@on_random_trials
 def test_no_restart_by_itself(seed: int) -> None:
     course = Course.of(seed)
     speed = course.values([0.0, 0.0, 0.0, 0.25], hold=9)
@@ -508,7 +525,7 @@ def test_no_restart_by_itself(seed: int) -> None:
 # Safeguards, trucks -----------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_behind_a_sensing_line(seed: int) -> None:
     course = Course.of(seed)
     x, y, speed = course.walk(0.5, -1.0, 3.0), course.values([0.5, 5.0], hold=40), course.values([0.0, 0.25])
@@ -550,7 +567,7 @@ def test_behind_a_sensing_line(seed: int) -> None:
     assert_met(course, findings, apart, speed, towards)
 
 
-@SEEDS
+@on_random_trials
 def test_the_speed_of_a_truck(seed: int) -> None:
     course = Course.of(seed)
     speed, free = course.values([0.0, 0.25, 0.3, 0.5, 1.5, 1.75]), course.values([0.25, 0.5, 0.625])
@@ -568,7 +585,7 @@ def test_the_speed_of_a_truck(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(trial)), [m < 0 for m in margin], margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_truck_that_meets_a_person(seed: int) -> None:
     course = Course.of(seed)
     x, y, v = (
@@ -613,7 +630,7 @@ def test_a_truck_that_meets_a_person(seed: int) -> None:
 # Space, gaps, collisions --------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_the_space_of_a_robot(seed: int) -> None:
     course = Course.of(seed)
     x, y = course.walk(0.25, -2.0, 2.0), course.walk(0.25, -2.0, 2.0)
@@ -631,7 +648,7 @@ def test_the_space_of_a_robot(seed: int) -> None:
     assert_episodes(course, findings, [m < 0 for m in margin], margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_gap_that_closes(seed: int) -> None:
     course = Course.of(seed)
     gap = course.walk(0.0125, 0.05, 0.15)
@@ -645,7 +662,7 @@ def test_a_gap_that_closes(seed: int) -> None:
     assert_episodes(course, findings, bad, [g - 0.1 for g in gap], **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_collisions(seed: int) -> None:
     course = Course.of(seed)
     flag = course.values([0.0, 0.0, 1.0], hold=9)
@@ -666,7 +683,7 @@ def test_collisions(seed: int) -> None:
 # Poses, comfort, coverage, formulas ------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_attained_poses(seed: int) -> None:
     course = Course.of(seed)
     points = [[float(v) for v in course.rng.normal(0, 0.01, 3)] for _ in course.t]
@@ -684,7 +701,7 @@ def test_attained_poses(seed: int) -> None:
     assert finding.quantities["repeatability_m"] == pytest.approx(mean + 3 * deviation)
 
 
-@SEEDS
+@on_random_trials
 def test_time_to_collision(seed: int) -> None:
     course = Course.of(seed)
     n = len(course.t)
@@ -722,7 +739,7 @@ def test_time_to_collision(seed: int) -> None:
         assert finding.quantities["share_intimate"] == pytest.approx(near / add_up(course.lasts))
 
 
-@SEEDS
+@on_random_trials
 def test_coverage_of_a_signal(seed: int) -> None:
     course = Course.of(seed)
     columns = {"position/r": ("m", [[0.0, 0.0, 0.0]] * len(course.t))}
@@ -734,7 +751,7 @@ def test_coverage_of_a_signal(seed: int) -> None:
     assert finding.verdict is (Verdict.SATISFIED if 1 - missing / whole >= 0.99 else Verdict.INCONCLUSIVE)
 
 
-@SEEDS
+@on_random_trials
 def test_a_formula(seed: int) -> None:
     course = Course.of(seed)
     a, b = course.values([0.0, 0.5, 1.0, 2.0]), course.values([0.0, 0.5, 1.0])
@@ -755,7 +772,7 @@ def test_a_formula(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_formula_in_time(seed: int) -> None:
     course = Course.of(seed)
     course.t = [i * TICK_S for i in range(len(course.t))]
