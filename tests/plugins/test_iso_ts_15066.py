@@ -274,7 +274,7 @@ def test_violations_shorter_than_t_on_are_ignored(t_on_s: float, verdict: Verdic
 
 
 @pytest.mark.parametrize(("robot_m_s", "moving"), [(0.0, "no"), (0.01, "no"), (0.011, "yes")])
-def test_a_violation_tells_whether_the_robot_moved(robot_m_s: float, moving: str) -> None:
+def test_a_violation_is_labelled_with_whether_the_robot_moved(robot_m_s: float, moving: str) -> None:
     violation = only(SsmSeparation(), watched([0.0, 0.01], [1.0, 1.0], robot=robot_m_s))
 
     assert violation.labels == {"robot_moving": moving}
@@ -286,8 +286,8 @@ TOWARDS_HUMAN, TOWARDS_ROBOT = "approach_speed_robot/robot/human", "approach_spe
 def approaching(trial: Trial, robot_m_s: float | None, human_m_s: float | None) -> Trial:
     """The trial with the speeds of both towards each other, as far as they are known."""
     t = trial.signals["speed/robot"].t
-    told = {TOWARDS_HUMAN: robot_m_s, TOWARDS_ROBOT: human_m_s}
-    more = {name: Signal(name, "m/s", t, np.full(len(t), v)) for name, v in told.items() if v is not None}
+    speeds = {TOWARDS_HUMAN: robot_m_s, TOWARDS_ROBOT: human_m_s}
+    more = {name: Signal(name, "m/s", t, np.full(len(t), v)) for name, v in speeds.items() if v is not None}
     return replace(trial, signals={**trial.signals, **more})
 
 
@@ -315,18 +315,18 @@ def test_the_profiles_of_2023_say_who_closed_in_and_decide_without_it(
     assert dict(violation.labels) == {"robot_moving": "yes", "closing_by": by}
 
 
-def test_the_seed_profile_reads_its_three_signals_alone_unless_it_is_told_otherwise() -> None:
+def test_the_seed_profile_reads_its_three_signals_alone_unless_blame_is_yes() -> None:
     trial = approaching(watched([0.0, 0.01], [0.9, 0.9], robot=0.5), 0.5, 0.0)
-    asked = SsmSeparation(blame="yes")
+    with_blame = SsmSeparation(blame="yes")
 
     assert only(SsmSeparation(), trial).labels == {"robot_moving": "yes"}
-    assert only(asked, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
+    assert only(with_blame, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
     assert {need.quantity for need in SsmSeparation().needs()} == {"centre_distance", "speed"}
-    assert {need.quantity for need in asked.needs()} >= {"approach_speed_robot", "approach_speed_human"}
+    assert {need.quantity for need in with_blame.needs()} >= {"approach_speed_robot", "approach_speed_human"}
     silent = SsmSeparation(profile="ariac2023", distance="centre_distance", blame="no")
     assert only(silent, trial).labels == {"robot_moving": "yes"}
-    told = [only(monitor, trial).quantities for monitor in (SsmSeparation(), asked, silent)]
-    assert ["exposure_s" in quantities for quantities in told] == [False, True, False]
+    measured = [only(monitor, trial).quantities for monitor in (SsmSeparation(), with_blame, silent)]
+    assert ["exposure_s" in quantities for quantities in measured] == [False, True, False]
     assert only(SsmSeparation(), watched([0.0], [9.0])).quantities == {}
 
 
@@ -353,7 +353,7 @@ def test_who_closes_in_is_not_known_where_the_poses_have_a_hole() -> None:
         (5.0, float(np.nextafter(0.01, 1.0)), 1.0),
     ],
 )
-def test_a_clean_trial_says_for_how_long_the_human_was_exposed(
+def test_a_clean_trial_measures_for_how_long_the_human_was_exposed(
     profile: Any, distance_m: float, robot_m_s: float, exposed_s: float
 ) -> None:
     trial = watched(at_100_hz(1.0), distance_m, robot=robot_m_s)
@@ -392,7 +392,7 @@ def test_a_clean_trial_has_no_energy_of_closing_in_where_a_mass_is_given() -> No
     assert violation.quantities["closing_energy_max_J"] == pytest.approx(1.0)
 
 
-def test_a_trial_without_violation_tells_its_closest_moment() -> None:
+def test_a_trial_without_violation_reports_its_closest_moment() -> None:
     finding = only(SsmSeparation(), watched([0.0, 0.01, 0.02], [4.0, 3.0, 5.0]))
 
     assert finding.verdict is SATISFIED
@@ -488,7 +488,7 @@ def test_nobody_to_watch_is_an_answer_only_of_a_log_that_records_every_body(
     assert all(f"no {kind}" in finding.message for kind in absent)
 
 
-def test_what_the_log_lacks_as_a_whole_is_not_said_again_where_nobody_is_watched() -> None:
+def test_what_the_log_lacks_as_a_whole_is_not_repeated_where_nobody_is_watched() -> None:
     trial = Trial("t", unrecorded=("topic /snapshot",), recorded=Span(0.0, 1.0))
 
     assert only(SsmSeparation(), trial).message == "the log shows no robot and no human"
@@ -522,7 +522,7 @@ def test_a_hole_just_as_long_as_allowed_is_fine(start_s: float) -> None:
     assert only(SsmSeparation(), watched(t, 9.0, window=Span(0.0, 2.0))).verdict is SATISFIED
 
 
-def test_a_hole_and_a_violation_are_both_said() -> None:
+def test_a_hole_and_a_violation_are_both_reported() -> None:
     t = without(at_100_hz(4.0), 1.0, 2.0)
     near = [1.0 if 3.0 <= s < 3.5 else 9.0 for s in t]
 
@@ -635,12 +635,12 @@ class Chart:
         marks = ((self.start, "competition_started"), (self.end, "competition_ended"))
         events = tuple(Event(k * TICK_S + shift_s, kind) for k, kind in marks)
         trial = watched(t, self.distance_m, human=self.human, robot=self.robot, events=events)
-        told = zip((TOWARDS_HUMAN, TOWARDS_ROBOT), self.towards, strict=True)
+        speeds = zip((TOWARDS_HUMAN, TOWARDS_ROBOT), self.towards, strict=True)
         more = {
             name: Signal(
                 name, "m/s", np.array([k * TICK_S + shift_s for k, _ in rows]), np.array([v for _, v in rows])
             )
-            for name, rows in told
+            for name, rows in speeds
             if rows
         }
         return replace(trial, signals={**trial.signals, **more})
@@ -716,8 +716,8 @@ def charts(draw: st.DrawFn) -> Chart:
 def _towards(draw: st.DrawFn, ticks: Sequence[int]) -> tuple[tuple[int, float], ...]:
     """A directed speed at some of the ticks, or at none."""
     kept = draw(st.sampled_from(["all", "some", "none"]))
-    asked = [k for k in ticks if kept == "all" or (kept == "some" and draw(st.booleans()))]
-    return tuple((k, draw(st.sampled_from([-0.5, 0.0, 0.25, 1.0]))) for k in asked)
+    chosen = [k for k in ticks if kept == "all" or (kept == "some" and draw(st.booleans()))]
+    return tuple((k, draw(st.sampled_from([-0.5, 0.0, 0.25, 1.0]))) for k in chosen)
 
 
 @dataclass
@@ -833,11 +833,11 @@ def moved(finding: Finding, shift_s: float) -> dict[str, Any]:
     """What must stay when all clocks are turned back by the shift; messages name times."""
     span = finding.span and Span(finding.span.start_s - shift_s, finding.span.end_s - shift_s)
     evidence = [replace(sample, t_s=sample.t_s - shift_s) for sample in finding.evidence]
-    told = {
+    unshifted = {
         n: getattr(finding, n) for n in ("subject", "verdict", "robustness", "unit", "critical", "clause")
     }
     return {
-        **told,
+        **unshifted,
         "span": span,
         "evidence": evidence,
         "labels": dict(finding.labels),

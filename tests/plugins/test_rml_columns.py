@@ -79,7 +79,7 @@ def margins_of(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
 
 @given(exps, streams(), st.sampled_from(POLICIES))
 @settings(max_examples=100)
-def test_the_table_says_what_the_interpreter_says(exp: str, stream: Stream, after: Any) -> None:
+def test_the_table_gives_the_verdicts_of_the_interpreter(exp: str, stream: Stream, after: Any) -> None:
     program = compile_rml(TYPES + f"Main = {exp}; G<n> = if (n > 0) low G<n - 1> else high;")
 
     fast = fast_watch(program.machine(), stream, after)

@@ -79,8 +79,8 @@ def only(monitor: RmlSpec, trial: Trial) -> Finding:
     return finding
 
 
-def told(finding: Finding) -> tuple[Any, ...]:
-    """What a finding says, but for its words."""
+def facts_of(finding: Finding) -> tuple[Any, ...]:
+    """All of a finding but its words."""
     return (
         finding.subject,
         finding.verdict,
@@ -100,8 +100,8 @@ def test_the_example_gets_the_findings_and_the_score_of_the_separation_monitor()
 
     in_rml, built_in = list(SEPARATION.watch(trial)), list(SsmSeparation(profile="seed").watch(trial))
 
-    key = lambda finding: sorted(map(str, told(finding)[6]))  # noqa: E731  # evidence in any order
-    assert [told(f)[:6] for f in in_rml] == [told(f)[:6] for f in built_in]
+    key = lambda finding: sorted(map(str, facts_of(finding)[6]))  # noqa: E731  # evidence in any order
+    assert [facts_of(f)[:6] for f in in_rml] == [facts_of(f)[:6] for f in built_in]
     assert list(map(key, in_rml)) == list(map(key, built_in))
     result = score_trial(
         ROOT / "examples/kitting_near_miss.mcap", load_rule_set(str(ROOT / "examples/rml/separation.yaml"))
@@ -137,7 +137,7 @@ def test_any_trial_gets_the_findings_of_the_separation_monitor(
     in_rml = RmlSpec(SPEC, SNAPSHOT, exact=True, t_off_s=t_off_s).watch(trial)
     built_in = SsmSeparation(profile="seed", t_off_s=t_off_s).watch(trial)
 
-    assert [told(f)[:6] for f in in_rml] == [told(f)[:6] for f in built_in]
+    assert [facts_of(f)[:6] for f in in_rml] == [facts_of(f)[:6] for f in built_in]
 
 
 def test_equal_distance_satisfies(subtests: pytest.Subtests) -> None:
@@ -267,7 +267,7 @@ def test_data_can_be_bound_over_the_events_of_a_trial() -> None:
     assert (moved.verdict, moved.span, moved.robustness) == (Verdict.VIOLATED, Span(0.1, 0.1), None)
 
 
-def test_each_robot_is_judged_on_its_own_and_topics_are_told_apart() -> None:
+def test_each_robot_is_judged_on_its_own_and_topics_are_distinguished() -> None:
     t = np.array(at_100_hz(1.0))
     signals = [
         Signal(f"speed/{name}", "m/s", t, np.full(len(t), v)) for name, v in (("r1", 0.2), ("r2", 0.9))

@@ -147,7 +147,7 @@ def test_always_with_bounds_is_judged_in_them_and_nowhere_else() -> None:
     log = trial(tenths(6), [0, 0, 2, 2, 0, 0])
 
     assert only("always[0.2,0.3] d > 1", log).verdict is SATISFIED
-    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.4)  # what comes after is not asked
+    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.4)  # what comes after does not count
 
 
 def test_past_and_change() -> None:
@@ -288,7 +288,7 @@ def test_a_gap_that_cannot_change_the_verdict_is_no_matter() -> None:
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])
-def test_a_violation_beside_a_gap_is_a_violation_and_the_gap_is_told_too(time: Any) -> None:
+def test_a_violation_next_to_a_gap_is_a_violation_and_the_gap_is_reported_too(time: Any) -> None:
     log = trial(GAP, [5, 0, 5, 5, 5, 5, 5, 5])
 
     found = findings("always d > 1", log, max_gap_s=0.15, time=time)
@@ -338,7 +338,7 @@ def test_what_a_window_after_the_trial_counts_as(beyond: Any, verdict: Verdict, 
     assert only("always[5,6] d > 1", trial(tenths(10), 0.0), beyond=beyond, time=time).verdict is verdict
 
 
-def test_episodes_too_short_to_count_are_told_of_but_do_not_violate() -> None:
+def test_episodes_too_short_to_count_are_mentioned_but_do_not_violate() -> None:
     log = trial(tenths(6), [5, 0, 5, 5, 0, 0])
 
     finding = only("always[0,0.3] d > 1", log, t_on_s=0.15)
@@ -359,7 +359,7 @@ def test_a_bridged_pause_is_no_time_in_violation() -> None:
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])
-def test_spans_are_told_without_the_tolerance_of_windows(time: Any) -> None:
+def test_spans_are_reported_without_the_tolerance_of_windows(time: Any) -> None:
     found = findings("always always[0,0.25] d > 1", trial(GAP, 5.0), max_gap_s=0.15, time=time)
 
     for finding in found:
@@ -518,7 +518,7 @@ def test_a_missing_signal_is_not_decided() -> None:
     assert found[1].message == "signal 'speed/b' is not in the log"
 
 
-def test_nobody_to_judge_is_told_from_nobody_recorded() -> None:
+def test_nobody_to_judge_is_not_the_same_as_nobody_recorded() -> None:
     nobody = Trial("t", recorded=Span(0.0, 1.0))
 
     assert only(STOP, nobody).verdict is INCONCLUSIVE

@@ -176,7 +176,7 @@ def _reach(formula: Any) -> tuple[float, float]:
 
 @given(FORMULAS, traces([0.05, 0.1, 0.2]), st.booleans())
 @LAWS
-def test_weak_never_says_less_than_strong_and_both_lie_within_undecided(
+def test_weak_is_never_below_strong_and_both_lie_within_undecided(
     formula: Any, trace: tuple[list[float], dict[str, list[float]]], dense: bool
 ) -> None:
     t, values = trace
@@ -250,7 +250,7 @@ def _random_formula(draw: random.Random, depth: int) -> Any:
     )
 
 
-def test_rtamt_says_the_same() -> None:
+def test_rtamt_gives_the_same_robustness() -> None:
     """300 formulas; both-or-neither goes there as two implications, for its own is not sound."""
     python = _rtamt_python()
     draw = random.Random(20)  # noqa: S311  # the same formulas every time

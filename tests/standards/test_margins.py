@@ -120,7 +120,7 @@ def margins(monitor: Any, trial: Trial, subject: str, what: str = "") -> dict[fl
 # Who tells -----------------------------------------------------------------------------
 
 
-def test_every_shipped_monitor_that_judges_samples_tells_its_margin() -> None:
+def test_every_shipped_monitor_that_judges_samples_has_margins() -> None:
     registry = Registry()
     tell = {
         name
@@ -264,7 +264,7 @@ def test_the_margin_of_a_specification_is_that_of_its_inequality() -> None:
     assert list(found.values()) == pytest.approx([1.5, 0.0, -0.1, 0.4])
 
 
-def test_after_the_first_rejection_nothing_is_judged_any_more_where_so_asked() -> None:
+def test_with_the_policy_once_nothing_is_judged_after_the_first_rejection() -> None:
     distance = np.array([2.0, 0.4, 0.9])
     once = replace(MARGINED["rml.spec"], after_violation="once")
 
@@ -407,7 +407,7 @@ class Telling:
     late_s: float = 0.0
     unit: str = "m/s"
     forgets: bool = False
-    asked: Any = ()
+    calls: Any = ()
 
     def needs(self) -> Iterable[SignalNeed]:
         return [SignalNeed("speed", "m/s", 0.05)]
@@ -429,8 +429,8 @@ class Telling:
         signal = trial.signal("speed/robot", unit="m/s")
         off = self.off_m_s
         if self.forgets:
-            self.asked.append(1)
-            off = len(self.asked) * 0.0 if len(self.asked) < 2 else 1.0
+            self.calls.append(1)
+            off = len(self.calls) * 0.0 if len(self.calls) < 2 else 1.0
         limit = np.full(len(signal.t), 1.0 + off)
         yield Chart("robot", "speed", self.unit, signal.t + self.late_s, signal.values, limit, at_most=True)
 
@@ -440,17 +440,17 @@ def margin_check(monitor: Any) -> Any:
     return check
 
 
-def test_a_monitor_that_tells_what_it_found_keeps_the_contract() -> None:
+def test_a_monitor_whose_margins_fit_its_findings_keeps_the_contract() -> None:
     margin_check(Telling())()
 
 
-def test_a_monitor_that_tells_something_else_is_refused(subtests: pytest.Subtests) -> None:
+def test_a_monitor_whose_margins_do_not_fit_is_refused(subtests: pytest.Subtests) -> None:
     cases: list[tuple[Any, str]] = [
         (Telling(off_m_s=0.001), "but the least margin it tells there is"),
         (Telling(off_m_s=-0.001), "but the least margin it tells there is"),
         (Telling(unit="m"), "but the least margin it tells there is None m"),
         (Telling(late_s=0.003), "where there is no sample"),
-        (Telling(forgets=True, asked=[]), "tells other margins when asked again"),
+        (Telling(forgets=True, calls=[]), "tells other margins when asked again"),
     ]
     for monitor, words in cases:
         with subtests.test(words=words), pytest.raises(ContractError, match=words):

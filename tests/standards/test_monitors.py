@@ -177,7 +177,7 @@ def required(robot: float) -> float:
     return float(SsmSeparation(profile="standard").d_min_m(np.array([1.6]), np.array([robot]))[0])
 
 
-def test_the_standard_profile_asks_for_what_the_published_example_says() -> None:
+def test_the_standard_profile_requires_what_the_published_example_gives() -> None:
     assert required(1.0) == pytest.approx(1.24)
     assert required(0.0) == pytest.approx(0.99)
 
@@ -333,7 +333,7 @@ def test_the_edge_of_a_workspace_belongs_to_it(subtests: pytest.Subtests) -> Non
 
 
 def stopping(brake_s: float, *, kind: str = "protective_stop", power: Any = None) -> Trial:
-    """At 1 m/s, asked to stop at 1.0 s, rests at 1.0 s + brake_s."""
+    """At 1 m/s, ordered to stop at 1.0 s, rests at 1.0 s + brake_s."""
     t = np.arange(501) / 100
     speed = np.clip(1.0 - (t - 1.0) / brake_s, 0.0, 1.0)
     columns = {"speed/r": ("m/s", speed)}
@@ -506,7 +506,7 @@ def test_the_speed_of_a_truck(subtests: pytest.Subtests) -> None:
             assert violated(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")])) is broken
 
 
-def test_detection_that_is_not_recorded_is_taken_for_active_and_said_so() -> None:
+def test_detection_that_is_not_recorded_is_taken_for_active_with_a_label() -> None:
     columns = {"speed/a": ("m/s", 1.0), "clearance/a": ("m", 1.0)}
 
     finding = only(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")]))
@@ -891,7 +891,7 @@ def test_ways_add_up(speed: list[float]) -> None:
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2))
-def test_who_closes_in_is_told_alike_from_both_sides(robot: float, human: float) -> None:
+def test_who_closes_in_is_the_same_seen_from_both_sides(robot: float, human: float) -> None:
     swapped = {"robot": "human", "human": "robot"}
     by = closing_by(robot, human)
 
@@ -1149,8 +1149,8 @@ def test_what_a_monitor_finds_hangs_on_nothing_it_does_not_ask_for(subtests: pyt
     for name in cases:
         with subtests.test(name=name):
             monitor, trial = BUSY[name], busy(3, clean=False)
-            asked = {need.quantity for need in monitor.needs()}
-            alone = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] in asked}
+            needed = {need.quantity for need in monitor.needs()}
+            alone = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] in needed}
 
             assert list(monitor.watch(replace(trial, signals=alone))) == list(monitor.watch(trial))
 
@@ -1285,7 +1285,7 @@ def test_the_agent_of_2023_never_sees_further_than_5_m() -> None:
     assert monitor.d_min_m(np.array([0.8]), np.array([1.0]))[0] == pytest.approx(4.2)
 
 
-def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None:
+def test_a_robot_that_starts_again_while_somebody_is_inside_is_labelled_so() -> None:
     t = np.arange(301) / 100
     columns = {
         "position/h": ("m", np.tile([1.0, 1.0, 0.0], (len(t), 1))),
@@ -1294,8 +1294,8 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
 
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
-    told = {"resumed": "yes", "robot_moving": "yes", "closing_by": "unknown"}
-    assert dict(finding.labels) == told
+    labels = {"resumed": "yes", "robot_moving": "yes", "closing_by": "unknown"}
+    assert dict(finding.labels) == labels
 
 
 @pytest.mark.parametrize("kind", ["bumper_contact", "power_interruption"])
@@ -1489,7 +1489,7 @@ def test_a_collision_monitor_with_a_hole_in_its_log_is_never_satisfied() -> None
     assert verdicts(CollisionEpisodes(), trial) == [INCONCLUSIVE]
 
 
-def test_collisions_may_be_told_by_events() -> None:
+def test_collisions_may_be_recorded_as_events() -> None:
     events = [Event(0.1, "in_contact", "s/r", "on"), Event(0.3, "in_contact", "s/r", "off")]
     events += [Event(0.5, "in_contact", "s/r", "on"), Event(0.6, "in_contact", "s/r", "off")]
     trial = trial_of(
@@ -1502,7 +1502,7 @@ def test_collisions_may_be_told_by_events() -> None:
     assert finding.quantities["occurrences"] == 2.0  # two robots count twice
 
 
-def test_a_collision_with_what_stands_around_tells_its_force_and_speed() -> None:
+def test_a_collision_with_fixed_things_has_its_force_and_speed() -> None:
     columns = {"contact_force/r/environment": ("N", 50.0), "velocity/r": ("m/s", [3.0, 4.0, 0.0])}
     trial = trial_of(columns, bodies=[Body("r", "robot")])
 
@@ -1718,13 +1718,13 @@ def test_d_min_in_four_lines_of_yaml_is_the_seed_profile_on_every_sample_of_the_
     rules.write_text(D_MIN.replace("ariac2020", "ariac2023" if motion == "human_state" else "ariac2020"))
     measured = score_trial(log, str(rules)).measured
 
-    def said(check: str) -> list[Any]:
+    def facts_of(check: str) -> list[Any]:
         found = measured.of(check).values()  # in order of their words, which are not the same
-        told = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
-        return sorted(told, key=lambda each: (each[0], each[1].start_s, each[2].value))
+        facts = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
+        return sorted(facts, key=lambda each: (each[0], each[1].start_s, each[2].value))
 
-    assert VIOLATED in [verdict for _, _, verdict, *_ in said("formula")]
-    assert said("formula") == said("separation")
+    assert VIOLATED in [verdict for _, _, verdict, *_ in facts_of("formula")]
+    assert facts_of("formula") == facts_of("separation")
 
 
 def test_the_margin_of_d_min_in_yaml_is_that_of_the_seed_profile_bit_for_bit() -> None:

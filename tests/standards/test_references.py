@@ -147,25 +147,28 @@ def episodes(course: Course, bad: Bad, *, t_on: float = 0.0, t_off: float = 1.0)
     return found
 
 
-def told(findings: Iterable[Finding], verdict: Verdict) -> list[Finding]:
+def of_verdict(findings: Iterable[Finding], verdict: Verdict) -> list[Finding]:
     return [f for f in findings if f.verdict is verdict]
 
 
 def assert_episodes(
     course: Course, findings: list[Finding], bad: Bad, margin: Sequence[float], **timing: float
 ) -> None:
-    """The findings are the reference's: spans, times, robustness, gaps, and what is said when all is well."""
+    """The findings are the reference's: spans, times, robustness, gaps, and the finding when all is well."""
     wanted = episodes(course, bad, **timing)
-    violated = told(findings, Verdict.VIOLATED)
+    violated = of_verdict(findings, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding, slow in zip(violated, wanted, strict=True):
         seconds = add_up(course.lasts[i] for i in slow.rows)
         assert finding.quantities["time_in_violation_s"] == pytest.approx(seconds)
         assert finding.robustness == pytest.approx(min(margin[i] for i in slow.rows))
-    undecided = [(f.span.start_s, f.span.end_s) for f in told(findings, Verdict.INCONCLUSIVE) if f.span]
+    undecided = [(f.span.start_s, f.span.end_s) for f in of_verdict(findings, Verdict.INCONCLUSIVE) if f.span]
     assert undecided == course.gaps
     quiet = not wanted and not course.gaps
-    assert len(told(findings, Verdict.SATISFIED)) + len(told(findings, Verdict.NOT_APPLICABLE)) == quiet
+    assert (
+        len(of_verdict(findings, Verdict.SATISFIED)) + len(of_verdict(findings, Verdict.NOT_APPLICABLE))
+        == quiet
+    )
 
 
 def assert_met(
@@ -181,9 +184,9 @@ def assert_met(
     exposed = add_up(
         last for last, d, v in zip(course.lasts, distance, speed, strict=True) if d <= 5 and v > 0.01
     )
-    for finding in told(findings, Verdict.SATISFIED) + told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.SATISFIED) + of_verdict(findings, Verdict.VIOLATED):
         assert finding.quantities["exposure_s"] == pytest.approx(exposed)
-    for finding in told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.VIOLATED):
         assert finding.span is not None
         onset = max(course.t.index(finding.span.start_s) - before, 0)
         by = "unknown"
@@ -260,7 +263,7 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     bad = [m < 0 and v > 0.01 for m, v in zip(margin, speed, strict=True)]
     findings = list(monitor.watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, **TIMING)
-    for finding in told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.VIOLATED):
         assert finding.span is not None
         onset = course.t.index(finding.span.start_s)
         closes = [name for name, v in (("robot", robot[onset]), ("human", human[onset])) if v > 0.01]
@@ -271,7 +274,7 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
 
 @on_random_trials
 @pytest.mark.parametrize("model", ["linear", "deceleration", "constant_speed"])
-def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> None:
+def test_the_speed_cap_agrees_with_the_separation(seed: int, model: Any) -> None:
     """Both are one requirement; here the reference is a search for the largest speed that is enough."""
     course = Course.of(seed)
     columns = pair_columns(course)
@@ -383,12 +386,12 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
         if when == "contact":
             v = columns["relative_speed/r/h"][1][i]
             touched = i > 0 and distance[i - 1] <= 0 and course.t[i] - course.t[i - 1] <= MAX_GAP_S
-            asked = d <= 0 and not touched
+            applies = d <= 0 and not touched
         else:
             v = columns["approach_speed_robot/r/h"][1][i] + columns["approach_speed_human/r/h"][1][i]
-            asked = d < 0.1
+            applies = d < 0.1
         margin.append(limit - v)
-        bad.append(asked and v > limit)
+        bad.append(applies and v > limit)
     findings = list(monitor.watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, t_off=5 * TICK_S)
     towards = columns["approach_speed_robot/r/h"][1], columns["approach_speed_human/r/h"][1]
@@ -515,7 +518,7 @@ def test_no_restart_by_itself(seed: int) -> None:
             break
     bad = [v > 0.01 and latched - 1e-9 <= t < start for v, t in zip(speed, course.t, strict=True)]
     wanted = episodes(course, bad, t_off=5 * TICK_S)
-    violated = told(findings, Verdict.VIOLATED)
+    violated = of_verdict(findings, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding in violated:
         assert finding.span is not None
@@ -671,7 +674,7 @@ def test_collisions(seed: int) -> None:
     found = list(monitor.watch(course.trial({"in_contact/r/s": ("1", flag)}, bodies=bodies)))
 
     wanted = episodes(course, [f > 0.5 for f in flag], t_off=5 * TICK_S)
-    violated = told(found, Verdict.VIOLATED)
+    violated = of_verdict(found, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding, slow in zip(violated, wanted, strict=True):
         times, left = 1, slow.end - slow.start
@@ -735,7 +738,7 @@ def test_time_to_collision(seed: int) -> None:
     distance = columns["separation/r/h"][1]
     near = add_up(last for last, d in zip(course.lasts, distance, strict=True) if d < 0.45)
     assert_met(course, found, distance, columns["speed/r"][1])
-    for finding in told(found, Verdict.VIOLATED):
+    for finding in of_verdict(found, Verdict.VIOLATED):
         assert finding.quantities["share_intimate"] == pytest.approx(near / add_up(course.lasts))
 
 
@@ -794,5 +797,5 @@ def test_a_formula_in_time(seed: int) -> None:
             continue
         (late if i + 8 <= len(b) - 1 else open_ended).append(course.t[i])
     found = list(monitor.watch(course.trial({"speed/r": ("m/s", a), "speed/h": ("m/s", b)})))
-    assert [f.span.start_s for f in told(found, Verdict.VIOLATED) if f.span] == late
-    assert [f.span.start_s for f in told(found, Verdict.INCONCLUSIVE) if f.span] == open_ended
+    assert [f.span.start_s for f in of_verdict(found, Verdict.VIOLATED) if f.span] == late
+    assert [f.span.start_s for f in of_verdict(found, Verdict.INCONCLUSIVE) if f.span] == open_ended
