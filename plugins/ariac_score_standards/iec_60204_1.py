@@ -45,6 +45,9 @@ from ariac_score_standards.severity import (
     Statement,
     rows_of_episodes,
 )
+from ariac_score_standards.travel import (
+    travelled_m,
+)
 from ariac_score_standards.watching import (
     FloatArray,
     Subject,
@@ -52,9 +55,6 @@ from ariac_score_standards.watching import (
     bodies_of,
     state_over,
     watch_subjects,
-)
-from ariac_score_standards.ways import (
-    travelled_m,
 )
 
 EMERGENCY_STOP = "emergency_stop"

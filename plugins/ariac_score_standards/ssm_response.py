@@ -22,8 +22,8 @@ from ariac_score_standards.severity import (
     limit_findings,
 )
 from ariac_score_standards.ssm_formula import CLAUSE, SsmFormula
+from ariac_score_standards.travel import travelled_m
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, first_of_runs, watch_pairs
-from ariac_score_standards.ways import travelled_m
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ from ariac_score_standards.iso_13855 import minimum_distance
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of, zone_shares
 from ariac_score_standards.signal_coverage import tracks_of
 from ariac_score_standards.ssm_formula import approach_of
-from ariac_score_standards.ways import travelled_m
+from ariac_score_standards.travel import travelled_m
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
