@@ -218,13 +218,21 @@ class StopPerformance:
             words.append(f"at most {self.max_distance_m:g} m")
         if powered:
             words.append("the drives kept their power (category 2)")
+        # The margin is that of the limit which is broken: a stop in time may still be too long, and no
+        # number says how far a power that stays on is from going off.
+        robustness: float | None = self.max_time_s - time_s
+        unit = "s"
+        if not over_time and self.max_distance_m is not None and over_way:
+            robustness, unit = self.max_distance_m - way_m, "m"
+        elif not over_time and powered:
+            robustness, unit = None, ""
         return Finding(
             subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
             ", ".join(words),
             span=Span(request.t_s, reached),
-            robustness=self.max_time_s - time_s,
-            unit="s",
+            robustness=robustness,
+            unit=unit,
             quantities={
                 "stop_time_s": time_s,
                 "stop_distance_m": way_m,

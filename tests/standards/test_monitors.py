@@ -371,6 +371,19 @@ def test_the_category_of_a_stop(subtests: pytest.Subtests) -> None:
             assert (finding.verdict is VIOLATED) is broken
 
 
+def test_a_stop_that_is_violated_by_its_way_or_its_power_has_no_margin_of_time() -> None:
+    # From 1 m/s to 0 in 0.5 s: 0.25 m, in time for the default limit of 0.5 s.
+    (too_far,) = StopPerformance(max_distance_m=0.2).watch(stopping(0.5))
+    (powered,) = StopPerformance().watch(stopping(0.5, kind="emergency_stop", power=9.0))
+    (too_late,) = StopPerformance(max_time_s=0.4, max_distance_m=0.2).watch(stopping(0.5))
+
+    assert too_far.verdict is powered.verdict is too_late.verdict is VIOLATED
+    assert (too_far.robustness, too_far.unit) == (pytest.approx(0.2 - 0.25, abs=1e-3), "m")
+    assert (powered.robustness, powered.unit) == (None, "")
+    assert too_late.robustness == pytest.approx(0.4 - 0.5 + 0.005, abs=1e-3)  # 0.01 m/s 0.005 s before rest
+    assert too_late.unit == "s"
+
+
 @pytest.mark.parametrize(("off", "standstill", "category"), [(below(1.0), 1.0, 0), (1.0, 1.0, 1)])
 def test_power_that_goes_off_at_standstill_is_category_1(
     off: float, standstill: float, category: int
