@@ -7,6 +7,7 @@ held against; everything else is worked by hand.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +256,18 @@ def test_a_trial_that_ends_before_the_specification_may_is_a_violation(
     violations = [f for f in findings if f.verdict is Verdict.VIOLATED]
     assert [f.verdict for f in violations] == verdicts
     assert all(f.span == Span(1.0, 1.0) for f in violations)
+
+
+def test_a_log_without_the_end_of_the_competition_leaves_open_what_the_specification_still_needs() -> None:
+    spec = "near matches {topic:'gap', d:d} with d < 1; far not matches near; Main = far* near any*;"
+    never, once = (watched(at_100_hz(1.0), [3.0] * 50 + [d] + [3.0] * 50) for d in (3.0, 0.5))
+
+    open_ = only(RmlSpec(spec, GAP), replace(never, events=()))
+    kept = only(RmlSpec(spec, GAP), replace(once, events=()))
+
+    assert (open_.verdict, open_.span) == (Verdict.INCONCLUSIVE, Span(1.0, 1.0))
+    assert "does not show the end of the competition" in open_.message
+    assert kept.verdict is Verdict.SATISFIED
 
 
 def test_data_can_be_bound_over_the_events_of_a_trial() -> None:
