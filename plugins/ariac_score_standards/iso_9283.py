@@ -62,7 +62,7 @@ def pose_performance(attained_m: FloatArray, commanded_m: FloatArray) -> PosePer
         float(_norms((mean - commanded_m)[np.newaxis])[0]),
         _mean(spread),
         deviation,
-        _mean(spread) + 3.0 * deviation,
+        _mean(spread) + 3.0 * deviation,  # may exceed every single distance: one outlier widens S_l
     )
 
 

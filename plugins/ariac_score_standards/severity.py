@@ -199,6 +199,7 @@ class JudgedLimit:
             float(relative.max()),
             exact_sum(relative * weight_s),
         )
+        # Sums, never shares of the trial's length: else waiting would dilute a violation.
         names = _severity_names(self.bound.unit)
         return Episode(span, rows, int(rows[np.argmin(margin)]), dict(zip(names, numbers, strict=True)))
 

@@ -74,6 +74,7 @@ class SsmResponse(SsmFormula, LimitMonitor):
 
     def _since_breach(self, watched: Watched) -> _Stopping:
         now = self.moments(watched)
+        # The scalar speed: the standard wants the robot stopped, not turned aside.
         breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
         first = first_of_runs(watched.t, breach, self.max_gap_s)
         # To the nanosecond: the last bits of the difference depend on when the clock began.
