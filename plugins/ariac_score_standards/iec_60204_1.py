@@ -89,7 +89,7 @@ def standstill_reached_s(
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
     """Time at which the speed falls to the limit before its first row at or below it."""
-    # At or below it before as well: the stop was asked for at rest, or the samples begin here.
+    # At or below it before as well: the stop was requested at rest, or the samples begin here.
     if first == 0 or speed[first - 1] <= limit:
         return float(t[first])
     share = (speed[first - 1] - limit) / (speed[first - 1] - speed[first])
@@ -112,7 +112,7 @@ def stop_category(power_off_s: float | None, standstill_s: float) -> Literal[0, 
 
 @dataclass(frozen=True)
 class StopPerformance:
-    """A machine that is told to stop does, in time and on the way it has.
+    """A machine that has to stop does, in time and on the way it has.
 
     Measures:
         For every machine and every stop request (`emergency_stop`, `protective_stop`)
@@ -149,7 +149,7 @@ class StopPerformance:
         yield SignalNeed("drive_enabled", "1", self.max_flag_age_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every machine each of its stops, or that none was asked for."""
+        """For every machine each of its stops, or that none was requested."""
         return watch_subjects(
             trial,
             bodies_of(trial, self.kind),

@@ -114,7 +114,7 @@ class PoseAttained:
     Violated when:
         AP or RP exceeds a limit that is set. Without limits nothing is violated.
     Source:
-        ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, and told);
+        ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, with their number);
         for angles from memory.
     """
 

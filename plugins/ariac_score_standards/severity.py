@@ -358,7 +358,7 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
 
 
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:
-    """What a second limit adds: itself and its violations; that all is well, the first limit has said."""
+    """What a second limit adds: itself and its violations; the first limit reports that all is well."""
     for one in statements:
         if isinstance(one, JudgedLimit) or one.verdict is Verdict.VIOLATED:
             yield one
