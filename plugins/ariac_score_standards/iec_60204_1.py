@@ -45,6 +45,9 @@ from ariac_score_standards.severity import (
     Statement,
     rows_of_episodes,
 )
+from ariac_score_standards.travel import (
+    travelled_m,
+)
 from ariac_score_standards.watching import (
     FloatArray,
     Subject,
@@ -52,9 +55,6 @@ from ariac_score_standards.watching import (
     bodies_of,
     state_over,
     watch_subjects,
-)
-from ariac_score_standards.ways import (
-    travelled_m,
 )
 
 EMERGENCY_STOP = "emergency_stop"
@@ -89,7 +89,7 @@ def standstill_reached_s(
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
     """Time at which the speed falls to the limit before its first row at or below it."""
-    # At or below it before as well: the stop was asked for at rest, or the samples begin here.
+    # At or below it before as well: the stop was requested at rest, or the samples begin here.
     if first == 0 or speed[first - 1] <= limit:
         return float(t[first])
     share = (speed[first - 1] - limit) / (speed[first - 1] - speed[first])
@@ -112,7 +112,7 @@ def stop_category(power_off_s: float | None, standstill_s: float) -> Literal[0, 
 
 @dataclass(frozen=True)
 class StopPerformance:
-    """A machine that is told to stop does, in time and on the way it has.
+    """A machine that has to stop does, in time and on the way it has.
 
     Measures:
         For every machine and every stop request (`emergency_stop`, `protective_stop`)
@@ -149,7 +149,7 @@ class StopPerformance:
         yield SignalNeed("drive_enabled", "1", self.max_flag_age_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every machine each of its stops, or that none was asked for."""
+        """For every machine each of its stops, or that none was requested."""
         return watch_subjects(
             trial,
             bodies_of(trial, self.kind),
@@ -218,13 +218,21 @@ class StopPerformance:
             words.append(f"at most {self.max_distance_m:g} m")
         if powered:
             words.append("the drives kept their power (category 2)")
+        # The margin is that of the limit which is broken: a stop in time may still be too long, and no
+        # number says how far a power that stays on is from going off.
+        robustness: float | None = self.max_time_s - time_s
+        unit = "s"
+        if not over_time and self.max_distance_m is not None and over_way:
+            robustness, unit = self.max_distance_m - way_m, "m"
+        elif not over_time and powered:
+            robustness, unit = None, ""
         return Finding(
             subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
             ", ".join(words),
             span=Span(request.t_s, reached),
-            robustness=self.max_time_s - time_s,
-            unit="s",
+            robustness=robustness,
+            unit=unit,
             quantities={
                 "stop_time_s": time_s,
                 "stop_distance_m": way_m,

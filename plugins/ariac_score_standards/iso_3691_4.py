@@ -257,6 +257,7 @@ class AgvProtectiveField(LimitMonitor):
     ) -> FloatArray:
         """Way from the truck's front to a person in its corridor, shape (n,), m; infinite outside of it."""
         speed = np.sqrt(velocity_m_s[:, 0] ** 2 + velocity_m_s[:, 1] ** 2)
+        # A truck at rest has no corridor: where it would go next is not in the log.
         moving = speed > 0
         u = np.zeros((len(speed), 2))
         np.divide(velocity_m_s[:, :2], speed[:, None], out=u, where=moving[:, None])

@@ -114,6 +114,7 @@ class PflContact(LimitMonitor):
 
     def transient(self, since_contact_s: FloatArray, clamped: BoolArray | bool = False) -> BoolArray:
         """Whether the transient limit holds at a time since the contact began."""
+        # Who is clamped cannot recoil, so that no contact of theirs is short.
         short = since_contact_s <= self.transient_window_s + TOLERANCE_S
         result: BoolArray = short & ~np.asarray(clamped, dtype=bool)
         return result
@@ -253,6 +254,7 @@ class PflContact(LimitMonitor):
             return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
         limits, worst, rows = pressed.limits, pressed.worst, contact.rows
         ratio = float(pressed.ratio[worst])
+        # Only where the region is known: the face that stands in for an unknown one was not touched for sure.
         forbidden = contact.known and not limits.region.contact_permitted
         violated = ratio > 1.0 or forbidden
         where = limits.region.title.lower() if contact.known else f"a region unknown, taken for {limits.name}"

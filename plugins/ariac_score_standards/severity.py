@@ -199,6 +199,7 @@ class JudgedLimit:
             float(relative.max()),
             exact_sum(relative * weight_s),
         )
+        # Sums, never shares of the trial's length: else waiting would dilute a violation.
         names = _severity_names(self.bound.unit)
         return Episode(span, rows, int(rows[np.argmin(margin)]), dict(zip(names, numbers, strict=True)))
 
@@ -357,7 +358,7 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
 
 
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:
-    """What a second limit adds: itself and its violations; that all is well, the first limit has said."""
+    """What a second limit adds: itself and its violations; the first limit reports that all is well."""
     for one in statements:
         if isinstance(one, JudgedLimit) or one.verdict is Verdict.VIOLATED:
             yield one

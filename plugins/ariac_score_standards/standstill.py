@@ -33,6 +33,7 @@ from ariac_score_standards.severity import (
     no_severities,
     violations_only,
 )
+from ariac_score_standards.travel import travelled_m
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -42,7 +43,6 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
-from ariac_score_standards.ways import travelled_m
 
 _JOINTS, _PLACE = "joint_speed/{robot}", "position/{robot}"
 

@@ -102,7 +102,7 @@ def test_a_trial_that_ends_too_early_is_a_violation() -> None:
 
 
 def test_a_margin_that_an_event_has_not_is_missing_there_alone() -> None:
-    # A root of -1 has no value; `v >= 0` keeps it from being asked for, as it does event by event.
+    # A root of -1 has no value; `v >= 0` keeps it from being evaluated, as it does event by event.
     text = "a matches {topic: 's', x: v} with v >= 0 && v ^ 0.5 > 0.9; Main = a*;"
     trial = steps_of_100_ms([1.0, 0.25, 1.0, 1.0, 4.0, 9.0, -1.0, 1.0])
     measured, without = spec(text).watch(trial)
