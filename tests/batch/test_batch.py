@@ -439,7 +439,7 @@ def test_tables_that_contradict_the_documents_are_made_again_and_it_is_said(
 
     assert main(["batch", str(trials), "--rules", RULES, "-j", "1", "-o", str(tmp_path / "out")]) == 6
 
-    assert "1 row of the tables contradicted the stored documents" in capsys.readouterr().out
+    assert "1 row of the tables contradicted the stored results" in capsys.readouterr().out
     assert same(tmp_path / "before", tmp_path / "out")
     assert batch(trials, tmp_path / "out").contradictions == 0
 
