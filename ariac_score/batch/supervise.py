@@ -59,8 +59,8 @@ class Report:
         outcomes: How many runs have which outcome, those of earlier calls included.
         scored_now: How many were looked at in this call.
         cpu_s: What their processes took of the processor, s.
-        contradictions: Rows of the tables that said something else than their documents, and were
-            made again; an index that did so counts as one.
+        contradictions: Rows of the tables that contradicted their documents, and were made again; an
+            index that did so counts as one.
     """
 
     outcomes: Mapping[str, int]
@@ -291,6 +291,7 @@ class _Call:
         return Row.kept(key, done.document, name)
 
 
+# Another machine, or more time and memory, may do better; the other outcomes follow from the files.
 _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
 
 
@@ -354,7 +355,7 @@ def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool)
 
 
 def _contradicted(earlier: Written | None, found: Written) -> bool:
-    """Whether a table said of a document what it does not say."""
+    """Whether a row of the tables contradicted its document."""
     return (
         earlier is not None
         and earlier is not found
@@ -366,6 +367,7 @@ def _contradicted(earlier: Written | None, found: Written) -> bool:
 def _describe(store: Store, description: BatchDescription, setting: BatchSetting) -> None:
     """Write by which rules and code, and for what, before anything else."""
     rules, before = store.root / RULES, store.root / _BEFORE
+    # Only once until a batch ends: most of what is stored was measured by the first of several rules.
     if rules.is_file() and not before.exists() and rules.read_bytes() != setting.rules.encode("utf-8"):
         store.put(before, rules.read_bytes())
     for name, text in ((DESCRIPTION, description.text()), (RULES, setting.rules)):

@@ -123,6 +123,7 @@ def _serve(oracle: Oracle) -> None:
     def interrupt(*_: object) -> NoReturn:
         raise KeyboardInterrupt
 
+    # Containers and service managers end a program by SIGTERM, and the results are to be written.
     before = signal.signal(signal.SIGTERM, interrupt)
     try:
         oracle.serve()

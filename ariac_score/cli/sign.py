@@ -70,6 +70,7 @@ def _put(file: Path, signature: bytes) -> None:
 
 
 def _password() -> str:
+    # `getpass` would read standard input instead, and show the password.
     if not sys.stdin.isatty():
         raise UsageError(
             "the key has a password, and there is no terminal to ask for it",

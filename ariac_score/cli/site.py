@@ -102,6 +102,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
     after = ranking.stewarded
+    # The site is made of stored files alone, so that one of a stored ranking is the same.
     with TemporaryDirectory() as folder:
         stored = write_results(ranking, Path(folder), write)
         text = ranking_json(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ariac_score.batch import worker
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.local import lost
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
@@ -135,7 +135,7 @@ def takes_its_worker_along(task: RunTask, setting: BatchSetting, earlier: bytes)
     """One run kills the worker of the cluster that scores it."""
     if "bad" in task.trial:
         os.kill(os.getpid(), signal.SIGKILL)
-    return measure_apart(task, setting, earlier)
+    return measure_isolated(task, setting, earlier)
 
 
 def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
@@ -144,7 +144,7 @@ def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes
     if "bad" in task.trial and not mark.exists():
         mark.touch()
         return replace(lost(task, "killed", "from outside"), put_off=True)
-    return measure_apart(task, setting, earlier)
+    return measure_isolated(task, setting, earlier)
 
 
 def cannot_work(_task: RunTask, _setting: BatchSetting, _earlier: bytes) -> Done:

@@ -27,7 +27,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.description import Shard
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import earlier_document, measure_apart
+from ariac_score.batch.isolated import earlier_document, measure_isolated
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.outcomes import OUTCOMES, Summary, summary_of
@@ -942,8 +942,8 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
     task = replace(task, earlier_sha256=sha256(document).hexdigest())
     setting = replace(BatchSetting.of(second, LIMITS), earlier_basis=address.basis_of(prepare(first)))
 
-    with_it, without = (measure_apart(task, setting, earlier).document for earlier in (document, b""))
-    other = measure_apart(replace(task, earlier_sha256="0" * 64), setting, document).document
+    with_it, without = (measure_isolated(task, setting, earlier).document for earlier in (document, b""))
+    other = measure_isolated(replace(task, earlier_sha256="0" * 64), setting, document).document
 
     assert with_it is not None
     assert ours in with_it
@@ -956,7 +956,7 @@ def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: 
     task = RunTask("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object, earlier_sha256=row.sha256)
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(task, setting, earlier_document(task, tmp_path / "out"))
+    done = measure_isolated(task, setting, earlier_document(task, tmp_path / "out"))
 
     assert done.document is None
     assert Path(row.object).parent.name == done.address
@@ -1013,7 +1013,7 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(RunTask("", name, 1, f"file://{trials / name}"), setting)
+    done = measure_isolated(RunTask("", name, 1, f"file://{trials / name}"), setting)
 
     assert done.document is not None
     found = summary_of(done.document)

@@ -19,7 +19,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import fetched as near
 from ariac_score.batch import remote
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.remote import Storage, Stored, shown, signature_of_stored
@@ -691,7 +691,7 @@ def test_a_keeper_on_a_worker_fetches_as_everybody_does(web: Web) -> None:
     shutil.copyfile(EXAMPLE, web.root / "run.mcap")
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(RunTask("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
+    done = measure_isolated(RunTask("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
 
     assert done.document == as_json(score_trial(web.root / "run.mcap", RULES)).encode()
 

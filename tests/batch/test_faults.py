@@ -623,7 +623,7 @@ def test_a_run_that_takes_worker_after_worker_along_is_given_up_and_its_neighbou
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.takes_its_worker_along)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.takes_its_worker_along)
     names = [f"{number}{'_bad' if number == 2 else ''}.jsonl" for number in range(5)]
     for name in names:
         shutil.copyfile(trials / "a.jsonl", trials / name)
@@ -645,7 +645,7 @@ def test_a_run_that_is_killed_again_and_again_on_a_cluster_is_tried_at_last(
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.is_killed_beside_others)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.is_killed_beside_others)
     shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
 
     with cluster(1) as made:
@@ -662,7 +662,7 @@ def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.cannot_work)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.cannot_work)
     monkeypatch.setattr("ariac_score.batch.dask.KILLED_FROM_OUTSIDE_ATTEMPTS", 1)
 
     with cluster(1) as made, pytest.raises(BatchError, match="No space left") as caught:

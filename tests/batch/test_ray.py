@@ -16,7 +16,7 @@ import pytest
 from ariac_score import load_rule_set
 from ariac_score.batch import patience
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Executor, Report, run_batch
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, plan_batch
@@ -111,7 +111,7 @@ def dying(marks: Path, which: str, times: int) -> Callable[[RunTask, BatchSettin
         if which in task.trial and tried < times:
             (marks / f"{task.trial}-{tried}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        return measure_apart(task, setting, earlier)
+        return measure_isolated(task, setting, earlier)
 
     return measure
 
