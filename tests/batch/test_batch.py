@@ -199,13 +199,13 @@ def test_a_competition_keeps_team_trial_and_run(tmp_path: Path) -> None:
 def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "out")
     connection = sqlite3.connect(tmp_path / "out" / "index.sqlite")
-    told = dict(connection.execute("SELECT trial, score FROM runs ORDER BY trial"))
+    scores = dict(connection.execute("SELECT trial, score FROM runs ORDER BY trial"))
     checks = connection.execute("SELECT sum(violated) FROM checks WHERE trial = 'a.jsonl'").fetchone()[0]
     connection.close()
 
     lines = {name[1:-2]: row.summary.score for name, row in rows(tmp_path / "out").items()}
-    assert told == lines
-    assert told["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
+    assert scores == lines
+    assert scores["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
     measured = score_trial(trials / "a.jsonl", RULES).measured.findings.values()
     assert checks == sum(1 for finding in measured if finding.verdict.value == "violated")
 
@@ -227,12 +227,12 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     (run / "below").mkdir(parents=True)
     (run / "below" / "log.txt").write_text("one")
     task = RunTask("", "run", 1, str(run))
-    told = [address.signature_of(task)]
+    signatures = [address.signature_of(task)]
 
     def tell() -> None:
-        told.append(address.signature_of(task))
+        signatures.append(address.signature_of(task))
 
-    assert address.signature_of(task) == told[0]
+    assert address.signature_of(task) == signatures[0]
     (run / "below" / "log.txt").write_text("other")
     tell()
     (run / "empty.txt").touch()
@@ -246,7 +246,7 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     tell()
     shutil.rmtree(run)
     tell()
-    assert len(set(told)) == len(told) == 7
+    assert len(set(signatures)) == len(signatures) == 7
 
 
 def test_the_signature_of_a_relative_path_is_that_of_the_current_folder(

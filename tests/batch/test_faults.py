@@ -124,8 +124,8 @@ def test_a_process_that_outlives_its_server_gives_nobody_else_its_result(
 
     assert sorted(found) == names
     for name, done in found.items():
-        told = json.loads(done.document or b"")
-        assert told.get("trial", name) == name
+        document = json.loads(done.document or b"")
+        assert document.get("trial", name) == name
     kinds = [summary_of(found[name].document or b"").outcome for name in names]
     assert kinds == ["scored", "scored", "nothing_to_score"]
 
@@ -325,15 +325,15 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     monkeypatch.setattr("builtins.open", refusing("io.open"))
     # Python 3.10 bound `io.open` where it defined `Path.open`; later versions look it up again.
     monkeypatch.setattr(Path, "open", refusing("io.open"))
-    told = {}
+    summaries = {}
     for name in ("a.jsonl", "secret.jsonl", "run"):
         done = hands.worker.perform(RunTask("", name, 1, str(trials / name)), setting)
-        told[name] = summary_of(done.document or b"")
+        summaries[name] = summary_of(done.document or b"")
 
-    assert told["a.jsonl"].outcome == "scored"
+    assert summaries["a.jsonl"].outcome == "scored"
     for name, file in (("secret.jsonl", "secret.jsonl"), ("run", "run/secret.yaml")):
-        assert told[name].outcome == "unreadable"
-        assert told[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
+        assert summaries[name].outcome == "unreadable"
+        assert summaries[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
 
 
 # Rules and folders of others -----------------------------------------------------------

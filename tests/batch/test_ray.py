@@ -153,7 +153,7 @@ def test_a_cluster_without_a_machine_that_works_ends_the_batch_by_name(
     trials: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # No machine has this much room, so that the run waits as it does when all of them are gone.
-    monkeypatch.setattr(executors.ray, "remote", lambda **told: ray_remote(**{**told, "num_cpus": 64}))
+    monkeypatch.setattr(executors.ray, "remote", lambda **options: ray_remote(**{**options, "num_cpus": 64}))
     monkeypatch.setattr(executors, "_workers", lambda: 0)
     monkeypatch.setattr(executors, "LOOK_S", 0.2)
     monkeypatch.setattr(patience, "LOOK_S", 0.2)
@@ -221,8 +221,8 @@ def test_the_cluster_of_before_the_last_start_of_the_machine_is_named_at_once(
     command = ["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out")]
 
     assert main([*command, "--executor", "ray", "--scheduler", "auto"]) == 4
-    told = capsys.readouterr().err
-    assert "the cluster at auto cannot be reached" in told
-    assert "ray start --head" in told
+    err = capsys.readouterr().err
+    assert "the cluster at auto cannot be reached" in err
+    assert "ray start --head" in err
     assert main([*command, "--executor", "ray", "--scheduler", "auto", "-j", "2"]) == 4
     assert "for the cluster to say" in capsys.readouterr().err
