@@ -244,7 +244,7 @@ def died(task: RunTask, code: int | None, attempts: int) -> Done:
 
 
 def lost(task: RunTask, outcome: str, reason: str) -> Done:
-    """An outcome that nobody could measure."""
+    """An outcome without a measurement."""
     document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
     return Done(task, "", "", "", document)
 

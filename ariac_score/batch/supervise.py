@@ -47,7 +47,7 @@ class Executor(Protocol):
     """
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
-        """Score tasks and give what came of each exactly once, in any order."""
+        """Score tasks, and yield the outcome of each exactly once, in any order."""
         ...
 
 
@@ -256,7 +256,7 @@ class _Call:
     def _stored(self, task: RunTask) -> Written | Measurement | None:
         """The row of a run that is scored already, or what of it is measured under other prices.
 
-        `None` when it is neither, or nobody can tell without reading its files.
+        `None` when it is neither, or when only its files could tell.
         """
         signature = signature_of(task)
         contents = self.hashes.contents(signature) if signature else ""
@@ -280,7 +280,7 @@ class _Call:
         return replace(done, address=measuring_address(done.task, done.contents, self.basis))
 
     def _stored_row(self, done: Done) -> Row:
-        """The row of what came of a task, its document stored."""
+        """Store the document of an outcome; its row."""
         key = done.task.key
         if not done.address and done.document is not None:
             return Row.of(key, summary_of(done.document))
@@ -340,7 +340,7 @@ def _finish(store: Store, hashes: HashCache) -> None:
 
 
 def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool) -> Written | None:
-    """The row of a stored document; `None` when there is none, or one that nobody should believe."""
+    """The row of a stored document; `None` when there is none, or it cannot be trusted."""
     try:
         document = store.read(name)
         row = rows.earlier(key)

@@ -10,6 +10,7 @@ from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
 from ariac_score.terminal.style import plain, style_for
@@ -29,11 +30,11 @@ def register(commands: Any) -> None:
     """Add the command and its actions."""
     parser = commands.add_parser("plugins", description="List, show and check installed plugins.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="list every plugin with its distribution and version")
+    listing = add_action(actions, "list", "list every plugin with its distribution and version")
     listing.add_argument("--hash", action="store_true", help="also show the SHA-256 of its package's code")
     listing.add_argument("--output-format", choices=("text", "json"), default="text")
     listing.set_defaults(run=run_list)
-    show = actions.add_parser("show", help="show the documentation of a plugin")
+    show = add_action(actions, "show", "show the documentation of a plugin")
     show.add_argument("name", metavar="NAME")
     show.set_defaults(run=run_show)
     check = actions.add_parser(
@@ -53,7 +54,7 @@ def register(commands: Any) -> None:
         "--budget", type=float, default=None, metavar="S", help="most processor time for a million samples, s"
     )
     check.set_defaults(run=run_check)
-    doctor = actions.add_parser("doctor", help="find everything that is wrong with installed plugins")
+    doctor = add_action(actions, "doctor", "find everything that is wrong with installed plugins")
     doctor.set_defaults(run=run_doctor)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.registry import Registry
+from ariac_score.cli.actions import add_action
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import reprice
 from ariac_score.errors import ScoreError, UsageError
@@ -32,20 +33,20 @@ def register(commands: Any) -> None:
     """Add the command and its actions."""
     parser = commands.add_parser("rules", description="List, show, validate, compare and test rule sets.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="list the shipped rule sets")
+    listing = add_action(actions, "list", "list the shipped rule sets")
     listing.set_defaults(run=run_list)
-    show = actions.add_parser("show", help="show the text of a rule set")
+    show = add_action(actions, "show", "show the text of a rule set")
     show.add_argument("name", metavar="NAME")
     show.add_argument("--expanded", action="store_true", help="merge in everything it extends")
     show.set_defaults(run=run_show)
-    diff = actions.add_parser("diff", help="show the differences between two rule sets")
-    diff.add_argument("first", metavar="A")
-    diff.add_argument("second", metavar="B")
+    diff = add_action(actions, "diff", "show the differences between two rule sets")
+    diff.add_argument("first", metavar="A", help="rule set: a name or a .yaml file")
+    diff.add_argument("second", metavar="B", help="likewise")
     diff.add_argument(
         "--results", type=Path, metavar="DIR", help="stored results: show whose score and rank would change"
     )
     diff.set_defaults(run=run_diff)
-    validate = actions.add_parser("validate", help="check a rule set and the plugins it names")
+    validate = add_action(actions, "validate", "check a rule set and the plugins it names")
     validate.add_argument("names", metavar="NAME", nargs="+", help="names or .yaml files")
     validate.set_defaults(run=run_validate)
     check = actions.add_parser(

@@ -124,10 +124,10 @@ def has_a_devouring_plugin(task: RunTask, setting: BatchSetting, out: Path | Non
 def tells_its_alarm(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Says in how many seconds it will be ended whoever is left to do so."""
 
-    def told(*_: object, **__: object) -> None:
+    def raises(*_: object, **__: object) -> None:
         raise RuntimeError(f"{signal.getitimer(signal.ITIMER_REAL)[0]:.0f}")
 
-    worker.score_trial = told  # type: ignore[assignment]
+    worker.score_trial = raises  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
