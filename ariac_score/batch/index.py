@@ -167,6 +167,7 @@ class Rows:
         self._looked_up: tuple[TaskKey, Written | None] | None = None
         self._added: list[tuple[str, str, int, str]] = []
         self._connection = sqlite3.connect(work / "rows.sqlite")
+        # Neither journal nor sync: the file is for this call alone.
         self._connection.execute("PRAGMA journal_mode = OFF")
         self._connection.execute("PRAGMA synchronous = OFF")
         self._connection.execute(_LITTLE_MEMORY)
@@ -386,6 +387,7 @@ def _same(first: Path, second: Path) -> bool:
 def _write_index(file: Path, lines: Iterator[str]) -> None:
     connection = sqlite3.connect(file)
     try:
+        # Neither journal nor sync: an index that is not finished is thrown away with its folder.
         connection.execute("PRAGMA journal_mode = OFF")
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute(_LITTLE_MEMORY)

@@ -24,7 +24,7 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 
-__all__ = ["absolute", "earlier_document", "measure_apart"]
+__all__ = ["absolute", "earlier_document", "measure_isolated"]
 
 _READY = b"ready\n"
 _LARGEST_SENT_BYTES = 4 << 20
@@ -58,7 +58,7 @@ class _Job:
         return msgspec.convert(json.loads(line), cls)
 
 
-def measure_apart(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
+def measure_isolated(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
     """Score one run in a fresh process on this machine.
 
     Args:

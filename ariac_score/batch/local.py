@@ -157,7 +157,7 @@ class LocalExecutor:
                     if following is None:
                         break
                     running.append(self._start(context, *following, setting))
-                if not running and at_last:
+                if not running and at_last:  # one at a time, with all the memory for itself
                     running.append(self._start(context, *at_last.popleft(), setting))
                 if not running:
                     return
@@ -244,7 +244,7 @@ def died(task: RunTask, code: int | None, attempts: int) -> Done:
 
 
 def lost(task: RunTask, outcome: str, reason: str) -> Done:
-    """An outcome that nobody could measure."""
+    """An outcome without a measurement."""
     document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
     return Done(task, "", "", "", document)
 
@@ -257,6 +257,7 @@ def _first(tasks: Iterator[RunTask]) -> tuple[RunTask, _Deaths] | None:
 def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
     """A new process. Where the fork server is just being killed, the next attempt starts another one."""
     for attempt in range(1, _START_ATTEMPTS + 1):
+        # As a daemon it is ended with this process.
         process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
         try:
             process.start()
@@ -278,7 +279,7 @@ def stop(process: BaseProcess) -> None:
 
 def fresh_processes(work: Path, setting: BatchSetting) -> Any:
     """A context for processes that inherit nothing of this one; their server has imported everything."""
-    limit_threads()
+    limit_threads()  # before the server starts, which inherits the environment
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     file, text = work / "setting.json", json.dumps(asdict(setting))

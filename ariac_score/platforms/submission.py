@@ -55,8 +55,8 @@ EMPTY = (
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
-BEGUN_WITHIN = 0.9
-"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
+STARTED_WITHIN = 0.9
+"""Share of the time of one run in which all runs must start; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
 """Files that the platform's worker puts among those of a submission."""
 
@@ -70,7 +70,7 @@ class PhaseDescription:
 
     Attributes:
         phase: Its name.
-        rule_set: The rules in the file beside it.
+        rule_set: The rules in `ruleset.yaml`.
         limits: For each run.
         trials: The name of each trial's configuration, relative to the folder; empty without one.
     """
@@ -225,7 +225,7 @@ def score_submission(
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
     late: list[RunTask] = []
-    in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
+    in_time = _in_time(tasks, phase.setting.limits.wall_s * STARTED_WITHIN, late)
     for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         results[done.task.key] = _result_of(done, work)
         on_line(_line(done))

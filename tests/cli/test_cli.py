@@ -322,5 +322,5 @@ def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld
 
     assert main(["score", str(log), "--rules", "ariac2020.as_coded"]) == 6
 
-    (line,) = [told for told in capsys.readouterr().out.splitlines() if told.startswith("official total")]
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("official total")]
     assert line.endswith("ours is withheld, so nothing says whether it is the same")

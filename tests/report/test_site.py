@@ -348,9 +348,9 @@ def test_a_folder_with_something_else_in_it_is_left_alone(
 @pytest.mark.parametrize(
     ("arguments", "cause"),
     [
-        ([], "a competition is a folder of pages"),
-        (["-o", "OUT", "--sensitivity", "now"], "no runs to vary anything in"),
-        (["-o", "OUT", "--rules", "paper2020"], "has its rules and decisions"),
+        ([], "the site of a competition needs a folder"),
+        (["-o", "OUT", "--sensitivity", "now"], "no runs to vary parameters of"),
+        (["-o", "OUT", "--rules", "paper2020"], "--rules does not apply to a stored ranking"),
         (["-o", "OUT", "--results", "nowhere"], "the results of this ranking are not here"),
         (["-o", "OUT", "--previous", "nowhere.json"], "cannot be read"),
     ],
