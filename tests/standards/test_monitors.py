@@ -1336,6 +1336,124 @@ def test_a_joint_that_turns_while_the_tool_stands_still(speed: float, broken: bo
     assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is broken
 
 
+# A gap in a signal that a log need not have, but has
+
+
+def with_gap(trial: Trial, name: str, start_s: float, end_s: float) -> Trial:
+    """A trial without the samples of one signal between two times."""
+    signal = trial.signals[name]
+    kept = (signal.t < start_s) | (signal.t > end_s)
+    thinned = Signal(name, signal.unit, signal.t[kept], signal.values[kept])
+    return replace(trial, signals={**trial.signals, name: thinned})
+
+
+def pressed(force_n: float = 50.0, **columns: Any) -> Trial:
+    """A contact from 0.40 to 0.60 s; a pressure of 1e8 Pa is beyond any limit."""
+    t = np.arange(101) / 100
+    force = np.where((t > 0.395) & (t < 0.605), force_n, 0.0)
+    pressure = np.where((t > 0.455) & (t < 0.505), 1e8, 0.0)
+    given = {"contact_force/r/h": ("N", force), "contact_pressure/r/h": ("Pa", pressure), **columns}
+    return trial_of(given, t=t)
+
+
+def test_a_gap_in_the_pressure_over_its_peak_leaves_a_contact_open() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, pressed()) == [VIOLATED]
+    finding = only(chest, with_gap(pressed(), "contact_pressure/r/h", 0.45, 0.51))
+    assert finding.verdict is INCONCLUSIVE
+    assert "the pressure is recorded, but not at 0.450 s" in finding.message
+
+
+def test_a_gap_in_the_pressure_leaves_open_no_force_that_is_too_large_and_no_other_time() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, with_gap(pressed(1e4), "contact_pressure/r/h", 0.45, 0.51)) == [VIOLATED]
+    assert verdicts(chest, with_gap(pressed(), "contact_pressure/r/h", 0.40, 0.44)) == [VIOLATED]
+    silent = replace(pressed(), signals={"contact_force/r/h": pressed().signals["contact_force/r/h"]})
+    assert verdicts(chest, silent) == [SATISFIED]
+
+
+@pytest.mark.parametrize(("begins_s", "verdict"), [(0.45, SATISFIED), (0.46, INCONCLUSIVE)])
+def test_the_pressure_may_begin_no_later_in_a_contact_than_a_gap_may_last(
+    begins_s: float, verdict: Verdict
+) -> None:
+    trial = pressed(**{"contact_pressure/r/h": ("Pa", 0.0)})
+
+    found = only(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.0, begins_s - 0.005))
+
+    assert found.verdict is verdict
+
+
+def test_the_area_gives_the_pressure_where_the_pressure_has_a_gap() -> None:
+    trial = pressed(**{"contact_area/r/h": ("m2", 0.01)})
+
+    assert verdicts(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.45, 0.51)) == [
+        SATISFIED
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("joint_speed/r", ("rad/s", lambda t: np.where((t > 0.6) & (t < 0.8), 1.0, 0.0))),
+        (
+            "position/r",
+            ("m", lambda t: np.stack([np.where((t > 0.6) & (t < 0.8), 1.0, 0), 0 * t, 0 * t], axis=1)),
+        ),
+    ],
+)
+def test_a_gap_in_the_joints_or_the_place_of_a_robot_at_rest_leaves_standstill_open(
+    name: str, column: Any
+) -> None:
+    unit, values = column
+    columns = {"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", 0.0)}
+    trial = trial_of({**columns, name: (unit, values(np.arange(101) / 100))})
+    monitor = MonitoredStandstill(workspace=SQUARE)
+
+    assert VIOLATED in verdicts(monitor, trial)
+    finding = only(monitor, with_gap(trial, name, 0.6, 0.8))
+    assert finding.verdict is INCONCLUSIVE
+    assert finding.message == f"no samples of {name!r} for 0.220 s, from 0.590 s"
+    assert VIOLATED in verdicts(monitor, with_gap(trial, name, 0.0, 0.3))  # before rest is due
+
+
+def test_drift_is_measured_from_the_first_place_that_is_known() -> None:
+    t = np.arange(101) / 100
+    creeping = np.stack([0.01 * t, 0 * t, 0 * t], axis=1)
+    columns = {
+        "position/h": ("m", [1.0, 1.0, 0.0]),
+        "speed/r": ("m/s", 0.0),
+        "position/r": ("m", creeping),
+    }
+    trial = with_gap(trial_of(columns), "position/r", 0.0, 0.025)
+
+    assert not violated(MonitoredStandstill(workspace=SQUARE, drift_m=0.01), trial)
+    assert violated(MonitoredStandstill(workspace=SQUARE, grace_s=0.0), trial)
+
+
+def test_a_gap_in_the_distance_of_a_moving_truck_over_contact_is_undecided() -> None:
+    t = np.arange(101) / 100
+    columns = {
+        "position/a": ("m", [0.0, 0.0, 0.0]),
+        "velocity/a": ("m/s", [0.5, 0.0, 0.0]),
+        "position/h": ("m", [0.0, 5.0, 0.0]),
+        "body_separation/a/h": ("m", np.where((t > 0.45) & (t < 0.55), 0.0, 1.0)),
+    }
+    trial = trial_of(columns, bodies=[Body("a", "agv"), Body("h", "human")])
+    resting = trial_of(
+        {**columns, "velocity/a": ("m/s", [0.0, 0.0, 0.0])}, bodies=[Body("a", "agv"), Body("h", "human")]
+    )
+
+    assert VIOLATED in verdicts(AgvProtectiveField(), trial)
+    assert verdicts(AgvProtectiveField(), with_gap(trial, "body_separation/a/h", 0.45, 0.55)) == [
+        INCONCLUSIVE
+    ]
+    assert INCONCLUSIVE not in verdicts(
+        AgvProtectiveField(), with_gap(resting, "body_separation/a/h", 0.45, 0.55)
+    )
+
+
 def test_a_hole_in_the_log_during_a_stop_is_undecided() -> None:
     trial = stopping(0.4)
     speed = trial.signals["speed/r"]
