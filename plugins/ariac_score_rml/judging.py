@@ -228,15 +228,23 @@ class Judgement:
         return Finding(self._subject, Verdict.INCONCLUSIVE, message, span=span, labels=self._labels)
 
     def _end(self, trial: Trial) -> list[Finding]:
-        """The violation of a trial that ends where the specification may not."""
+        """What is still asked for at the end: a violation, where the log shows that the trial ends there."""
         watch = self._watch
         restarted = self._settings.after == "restart" and bool(watch.rejected.any())
-        if watch.end != "f" or trial.ended_s is None or (restarted and watch.fresh):
+        if watch.end != "f" or (restarted and watch.fresh):
             return []
         end_s = float(self._stream.t[-1])
+        if trial.ended_s is None:
+            # A log with the start alone is open already, because its end is missing.
+            return [self._open_at_the_end(end_s)] if self._decided else []
         message = "the trial ends where the specification still asks for something"
         span = Span(end_s, end_s)
         return [Finding(self._subject, Verdict.VIOLATED, message, span=span, labels=self._labels)]
+
+    def _open_at_the_end(self, end_s: float) -> Finding:
+        message = "the specification still asks for something, and the log does not show the end of the trial"
+        span = Span(end_s, end_s)
+        return Finding(self._subject, Verdict.INCONCLUSIVE, message, span=span, labels=self._labels)
 
     def _kept(self) -> Finding:
         if not np.isfinite(self._margin).any():

@@ -438,6 +438,11 @@ class EstopRestart(LimitMonitor):
                 clause=self._clause,
                 critical=True,
             )
+        rests = latch.rests(watched.t)
+        if rests.start >= rests.stop and end_s > watched.end_s:
+            message = f"{_words(stop)} at {stop.t_s:.3f} s: the log does not show whether it came to rest"
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            return
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not movements and not unseen:
             yield Finding(

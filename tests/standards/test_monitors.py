@@ -397,6 +397,36 @@ def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
 
 
 @pytest.mark.parametrize(
+    ("stop_s", "rests_s", "verdict"),
+    [
+        (4.5, 9.0, INCONCLUSIVE),  # rest is due after 1 s, and the log ends after 0.5 s
+        (5.0, 9.0, INCONCLUSIVE),
+        (7.0, 9.0, INCONCLUSIVE),
+        (5.0, 0.0, INCONCLUSIVE),  # at rest is only who rests for 0.1 s
+        (4.0, 9.0, VIOLATED),
+        (4.5, 4.8, SATISFIED),
+    ],
+)
+def test_a_stop_near_the_end_of_the_log_is_open_unless_coming_to_rest_is_seen(
+    stop_s: float, rests_s: float, verdict: Verdict
+) -> None:
+    t = np.arange(501) / 100
+    events = [Event(stop_s, "emergency_stop")]
+    recorded = ("emergency_stop", "emergency_stop_reset", "start")
+    speed = np.where(t < rests_s, 0.5, 0.0)
+    trial = trial_of({"speed/r": ("m/s", speed)}, t=t, events=events, witnessed=recorded)
+
+    assert only(EstopRestart(), trial).verdict is verdict
+
+
+def test_a_machine_that_starts_again_before_rest_is_due_breaks_nothing() -> None:
+    t = np.arange(501) / 100
+    events = [Event(4.5, "emergency_stop"), Event(4.6, "emergency_stop_reset"), Event(4.7, "start")]
+
+    assert only(EstopRestart(), trial_of({"speed/r": ("m/s", 0.5)}, t=t, events=events)).verdict is SATISFIED
+
+
+@pytest.mark.parametrize(
     ("held", "speed", "broken"),
     [(1, 0.25, False), (1, above(0.25), True), (0, 0.01, False), (0, above(0.01), True)],
 )
