@@ -387,6 +387,20 @@ def test_a_machine_that_never_stops() -> None:
     assert "no stop" in finding.message
 
 
+def test_a_violation_too_short_to_count_is_not_worded_as_a_limit_that_is_kept() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", np.where(t == 0.8, 9.0, 0.0))})
+
+    brief = only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.03), trial)
+
+    assert (brief.verdict, brief.robustness) == (SATISFIED, pytest.approx(0.01 - 9.0))
+    assert brief.message == (
+        "speed in the workspace never beyond its limit for 0.03 s; "
+        "at worst 9.000 m/s (at most 0.010), at 0.800 s"
+    )
+    assert only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.0), trial).verdict is VIOLATED
+
+
 @pytest.mark.parametrize(("speed", "broken"), [(0.01, False), (above(0.01), True)])
 def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
     t = np.arange(501) / 100
@@ -673,7 +687,7 @@ def test_time_to_collision(seconds: float, broken: bool) -> None:
 @pytest.mark.parametrize(("missing", "verdict"), [(0.1, SATISFIED), (0.11, INCONCLUSIVE)])
 def test_coverage_below_99_percent_is_inconclusive(missing: float, verdict: Verdict) -> None:
     t = np.array([k / 100 for k in range(1001) if not 1.0 < k / 100 < 1.0 + missing - 1e-9])
-    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t)
+    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot"),))
 
     assert only(SignalCoverage(min_coverage=0.9900000001 - 1e-9), trial).verdict is verdict
 
@@ -1941,10 +1955,53 @@ def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
     seen = t[t <= seen_s]
     signals = {
         "position/h": Signal("position/h", "m", held, np.zeros((len(held), 3))),
+        "position/r": Signal("position/r", "m", t, np.zeros((len(t), 3))),
         "separation/r/h": Signal("separation/r/h", "m", seen, np.full(len(seen), distance)),
         "speed/r": Signal("speed/r", "m/s", seen, np.full(len(seen), speed)),
     }
     return replace(trial_of({}, t=t), signals=signals)
+
+
+def _of_human(monitor: SignalCoverage, trial: Trial) -> Finding:
+    (finding,) = (f for f in monitor.watch(trial) if f.subject == "position/h")
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("quantity", "lacking"),
+    [
+        ("position", ["position/h", "position/r2"]),
+        ("speed", ["speed/r2"]),
+        ("separation", ["separation/r2/h"]),
+    ],
+)
+def test_a_subject_without_a_signal_that_another_has_is_named(quantity: str, lacking: list[str]) -> None:
+    names = {"position/r": [0.0, 0.0, 0.0], "speed/r": 0.0, "separation/r/h": 2.0}
+    trial = trial_of(
+        {name: ("m/s" if name == "speed/r" else "m", value) for name, value in names.items()},
+        bodies=(Body("h", "human"), Body("r", "robot"), Body("r2", "robot")),
+    )
+
+    found = list(SignalCoverage(quantities=(quantity,)).watch(trial))
+
+    assert [f.subject for f in found if f.verdict is INCONCLUSIVE] == lacking
+    assert len([f for f in found if f.verdict is SATISFIED]) == 1
+
+
+def test_a_link_places_its_body() -> None:
+    trial = trial_of({"position/r::tool": ("m", [0.0, 0.0, 0.0]), "position/h": ("m", [0.0, 0.0, 0.0])})
+
+    assert verdicts(SignalCoverage(), trial) == [SATISFIED, SATISFIED]
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+@pytest.mark.parametrize("recorded", [None, Span(0.0, 0.0)])
+def test_a_recording_that_lasts_no_time_covers_nothing(samples: int, recorded: Span | None) -> None:
+    t = np.arange(samples, dtype=float)
+    signals = {"position/r": Signal("position/r", "m", t, np.zeros((samples, 3)))}
+    trial = Trial("t", bodies=(Body("r", "robot"),), signals=signals, recorded=recorded)
+
+    assert only(SignalCoverage(), trial).verdict is INCONCLUSIVE
 
 
 @pytest.mark.parametrize(
@@ -1959,17 +2016,19 @@ def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
 def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(
     distance: float, speed: float, exposure_s: float, coverage: float
 ) -> None:
-    found = only(SignalCoverage(share_of="exposure"), _watched(distance, speed))
+    found = _of_human(SignalCoverage(share_of="exposure"), _watched(distance, speed))
 
     assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
     assert found.quantities["coverage"] == pytest.approx(coverage)
     assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
-    assert only(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(0.98)
+    assert _of_human(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(
+        0.98
+    )
 
 
 @pytest.mark.parametrize(("seen_s", "exposure_s"), [(10.0, 0.0), (3.0, 7.0), (-1.0, 10.0)])
 def test_who_is_not_seen_may_be_exposed(seen_s: float, exposure_s: float) -> None:
-    found = only(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
+    found = _of_human(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
 
     assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
     assert found.quantities["missing_s"] == pytest.approx(0.2 if exposure_s else 0.0)
@@ -1984,7 +2043,7 @@ def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
         ),
     )
 
-    assert only(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
+    assert _of_human(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
 
 
 def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:
