@@ -371,6 +371,14 @@ def test_the_category_of_a_stop(power_off_s: float, kind: str, category: str, br
     assert (finding.verdict is VIOLATED) is broken
 
 
+def test_the_margin_of_a_stop_is_that_of_the_limit_it_breaks() -> None:
+    in_time = only(StopPerformance(max_distance_m=0.2), stopping(0.5))  # 0.25 m, as above
+    powered = only(StopPerformance(), stopping(0.4, kind="emergency_stop", power=9.0))
+
+    assert (in_time.verdict, in_time.robustness, in_time.unit) == (VIOLATED, pytest.approx(-0.05), "m")
+    assert (powered.verdict, powered.robustness, powered.unit) == (VIOLATED, None, "")
+
+
 @pytest.mark.parametrize(("off", "standstill", "category"), [(below(1.0), 1.0, 0), (1.0, 1.0, 1)])
 def test_power_that_goes_off_at_standstill_is_category_1(
     off: float, standstill: float, category: int
@@ -399,6 +407,29 @@ def test_a_violation_too_short_to_count_is_not_worded_as_a_limit_that_is_kept() 
         "at worst 9.000 m/s (at most 0.010), at 0.800 s"
     )
     assert only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.0), trial).verdict is VIOLATED
+
+
+def test_a_brief_approach_is_not_worded_as_distance_to_spare() -> None:
+    t = np.arange(101) / 100
+    distance = Signal("separation/r/h", "m", t, np.where(t == 0.5, 0.0, 5.0))
+    trial = replace(separated(5.0), signals={**separated(5.0).signals, distance.name: distance})
+
+    brief = only(SsmSeparation(profile="standard", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == (
+        f"never too close for 0.5 s; at worst {required(0.5):.3f} m nearer than required, at 0.500 s"
+    )
+
+
+def test_a_brief_breach_of_a_formula_is_not_worded_as_one_that_holds() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"speed/r": ("m/s", np.where(t == 0.5, 3.0, 0.0))})
+
+    brief = only(Always(holds="v < 1", signals={"v": "speed/{robot}"}, unit="m/s", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == "'v < 1' never broken for 0.5 s; at worst by 2.000 m/s, at 0.500 s"
 
 
 @pytest.mark.parametrize(("speed", "broken"), [(0.01, False), (above(0.01), True)])
