@@ -208,7 +208,8 @@ class StopPerformance:
         way_m = travelled_m(watched.t, watched[self._speed], Span(request.t_s, reached + self.hold_s))
         category = self._category(trial, subject, watched, request, reached)
         over_time = time_s > self.max_time_s + TOLERANCE_S
-        over_way = self.max_distance_m is not None and way_m > self.max_distance_m
+        way_left_m = None if self.max_distance_m is None else self.max_distance_m - way_m
+        over_way = way_left_m is not None and way_left_m < 0
         powered = category == 2 and request.kind == EMERGENCY_STOP
         words = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
         words.append(f"on {way_m:.3f} m")
@@ -218,21 +219,17 @@ class StopPerformance:
             words.append(f"at most {self.max_distance_m:g} m")
         if powered:
             words.append("the drives kept their power (category 2)")
-        # The margin is that of the limit which is broken: a stop in time may still be too long, and no
-        # number says how far a power that stays on is from going off.
-        robustness: float | None = self.max_time_s - time_s
-        unit = "s"
-        if not over_time and self.max_distance_m is not None and over_way:
-            robustness, unit = self.max_distance_m - way_m, "m"
-        elif not over_time and powered:
-            robustness, unit = None, ""
+        # Of the limit that is broken: a margin above 0 would contradict the verdict. A category has none.
+        margin: tuple[float | None, str] = self.max_time_s - time_s, "s"
+        if not over_time and (over_way or powered):
+            margin = (way_left_m, "m") if over_way else (None, "")
         return Finding(
             subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
             ", ".join(words),
             span=Span(request.t_s, reached),
-            robustness=robustness,
-            unit=unit,
+            robustness=margin[0],
+            unit=margin[1],
             quantities={
                 "stop_time_s": time_s,
                 "stop_distance_m": way_m,
@@ -446,6 +443,11 @@ class EstopRestart(LimitMonitor):
                 clause=self._clause,
                 critical=True,
             )
+        rests = latch.rests(watched.t)
+        if rests.start >= rests.stop and end_s > watched.end_s:
+            message = f"{_words(stop)} at {stop.t_s:.3f} s: the log does not show whether it came to rest"
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            return
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not movements and not unseen:
             yield Finding(

@@ -343,10 +343,13 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
     if closest is None:
         return Finding.not_applicable(limit.subject, rules.idle, clause=rules.clause)
     more = details(None)
+    outcome = "keeps its limit; closest"
+    if bound.broken[closest]:  # but too briefly to count
+        outcome = f"never beyond its limit for {rules.t_on_s:g} s; at worst"
     return Finding(
         limit.subject,
         Verdict.SATISFIED,
-        f"{bound.what} keeps its limit; closest {bound.actual[closest]:.3f} {bound.unit} "
+        f"{bound.what} {outcome} {bound.actual[closest]:.3f} {bound.unit} "
         f"({bound.relation(closest)}), at {limit.watched.t[closest]:.3f} s",
         robustness=float(bound.margin[closest]),
         unit=bound.unit,

@@ -349,6 +349,25 @@ def test_episodes_too_short_to_count_are_mentioned_but_do_not_violate() -> None:
     assert only("not (d > 1)", log, t_on_s=0.15).verdict is VIOLATED  # judged at one moment
 
 
+def test_a_margin_over_time_is_that_of_the_finding_where_only_truth_decides() -> None:
+    # At 0 s `v > 0.5` fails by 0: broken, although what is before the trial leaves the margin open below 0.
+    t = [0.0, 0.02, 0.04, 0.06]
+    human = Signal("speed/human", "m/s", np.array(t), np.array([2.0, 0.0, 0.0, 0.0]))
+    log = trial(t, v=[0.5, 0.0, 0.0, 0.0])
+    log = replace(log, signals={**log.signals, human.name: human})
+    formula = StlFormula(
+        formula="always (v > 0.5 since[0,0.05] w < 1)",
+        signals={"v": SPEED, "w": "speed of human in m/s"},
+        max_gap_s=0.05,
+    )
+
+    (finding,) = formula.watch(log)
+    (chart,) = formula.margins(log)
+
+    assert (finding.verdict, finding.robustness) == (VIOLATED, 0.0)
+    assert (chart.actual - chart.limit)[0] == 0.0
+
+
 def test_a_bridged_pause_is_no_time_in_violation() -> None:
     log = trial(tenths(6), [5, 0, 5, 0, 5, 5])
 

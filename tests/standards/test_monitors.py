@@ -385,6 +385,14 @@ def test_a_stop_that_is_violated_by_its_way_or_its_power_has_no_margin_of_time()
     assert too_late.unit == "s"
 
 
+def test_the_margin_of_a_stop_is_that_of_the_limit_it_breaks() -> None:
+    in_time = only(StopPerformance(max_distance_m=0.2), stopping(0.5))  # 0.25 m, as above
+    powered = only(StopPerformance(), stopping(0.4, kind="emergency_stop", power=9.0))
+
+    assert (in_time.verdict, in_time.robustness, in_time.unit) == (VIOLATED, pytest.approx(-0.05), "m")
+    assert (powered.verdict, powered.robustness, powered.unit) == (VIOLATED, None, "")
+
+
 @pytest.mark.parametrize(("off", "standstill", "category"), [(below(1.0), 1.0, 0), (1.0, 1.0, 1)])
 def test_power_that_goes_off_at_standstill_is_category_1(
     off: float, standstill: float, category: int
@@ -401,6 +409,43 @@ def test_a_machine_that_never_stops() -> None:
     assert "no stop" in finding.message
 
 
+def test_a_violation_too_short_to_count_is_not_worded_as_a_limit_that_is_kept() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", np.where(t == 0.8, 9.0, 0.0))})
+
+    brief = only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.03), trial)
+
+    assert (brief.verdict, brief.robustness) == (SATISFIED, pytest.approx(0.01 - 9.0))
+    assert brief.message == (
+        "speed in the workspace never beyond its limit for 0.03 s; "
+        "at worst 9.000 m/s (at most 0.010), at 0.800 s"
+    )
+    assert only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.0), trial).verdict is VIOLATED
+
+
+def test_a_brief_approach_is_not_worded_as_distance_to_spare() -> None:
+    t = np.arange(101) / 100
+    distance = Signal("separation/r/h", "m", t, np.where(t == 0.5, 0.0, 5.0))
+    trial = replace(separated(5.0), signals={**separated(5.0).signals, distance.name: distance})
+
+    brief = only(SsmSeparation(profile="standard", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == (
+        f"never too close for 0.5 s; at worst {required(0.5):.3f} m nearer than required, at 0.500 s"
+    )
+
+
+def test_a_brief_breach_of_a_formula_is_not_worded_as_one_that_holds() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"speed/r": ("m/s", np.where(t == 0.5, 3.0, 0.0))})
+
+    brief = only(Always(holds="v < 1", signals={"v": "speed/{robot}"}, unit="m/s", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == "'v < 1' never broken for 0.5 s; at worst by 2.000 m/s, at 0.500 s"
+
+
 @pytest.mark.parametrize(("speed", "broken"), [(0.01, False), (above(0.01), True)])
 def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
     t = np.arange(501) / 100
@@ -408,6 +453,36 @@ def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
     trial = trial_of({"speed/r": ("m/s", np.where(t >= 3.5, speed, 0.0))}, t=t, events=events)
 
     assert violated(EstopRestart(), trial) is broken
+
+
+@pytest.mark.parametrize(
+    ("stop_s", "rests_s", "verdict"),
+    [
+        (4.5, 9.0, INCONCLUSIVE),  # rest is due after 1 s, and the log ends after 0.5 s
+        (5.0, 9.0, INCONCLUSIVE),
+        (7.0, 9.0, INCONCLUSIVE),
+        (5.0, 0.0, INCONCLUSIVE),  # at rest is only who rests for 0.1 s
+        (4.0, 9.0, VIOLATED),
+        (4.5, 4.8, SATISFIED),
+    ],
+)
+def test_a_stop_near_the_end_of_the_log_is_open_unless_coming_to_rest_is_seen(
+    stop_s: float, rests_s: float, verdict: Verdict
+) -> None:
+    t = np.arange(501) / 100
+    events = [Event(stop_s, "emergency_stop")]
+    recorded = ("emergency_stop", "emergency_stop_reset", "start")
+    speed = np.where(t < rests_s, 0.5, 0.0)
+    trial = trial_of({"speed/r": ("m/s", speed)}, t=t, events=events, witnessed=recorded)
+
+    assert only(EstopRestart(), trial).verdict is verdict
+
+
+def test_a_machine_that_starts_again_before_rest_is_due_breaks_nothing() -> None:
+    t = np.arange(501) / 100
+    events = [Event(4.5, "emergency_stop"), Event(4.6, "emergency_stop_reset"), Event(4.7, "start")]
+
+    assert only(EstopRestart(), trial_of({"speed/r": ("m/s", 0.5)}, t=t, events=events)).verdict is SATISFIED
 
 
 def test_hand_guiding(subtests: pytest.Subtests) -> None:
@@ -678,7 +753,7 @@ def test_time_to_collision(seconds: float, broken: bool) -> None:
 @pytest.mark.parametrize(("missing", "verdict"), [(0.1, SATISFIED), (0.11, INCONCLUSIVE)])
 def test_coverage_below_99_percent_is_inconclusive(missing: float, verdict: Verdict) -> None:
     t = np.array([k / 100 for k in range(1001) if not 1.0 < k / 100 < 1.0 + missing - 1e-9])
-    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t)
+    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot"),))
 
     assert only(SignalCoverage(min_coverage=0.9900000001 - 1e-9), trial).verdict is verdict
 
@@ -1432,6 +1507,124 @@ def test_a_joint_that_turns_while_the_tool_stands_still(speed: float, broken: bo
     assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is broken
 
 
+# A gap in a signal that a log need not have, but has
+
+
+def with_gap(trial: Trial, name: str, start_s: float, end_s: float) -> Trial:
+    """A trial without the samples of one signal between two times."""
+    signal = trial.signals[name]
+    kept = (signal.t < start_s) | (signal.t > end_s)
+    thinned = Signal(name, signal.unit, signal.t[kept], signal.values[kept])
+    return replace(trial, signals={**trial.signals, name: thinned})
+
+
+def pressed(force_n: float = 50.0, **columns: Any) -> Trial:
+    """A contact from 0.40 to 0.60 s; a pressure of 1e8 Pa is beyond any limit."""
+    t = np.arange(101) / 100
+    force = np.where((t > 0.395) & (t < 0.605), force_n, 0.0)
+    pressure = np.where((t > 0.455) & (t < 0.505), 1e8, 0.0)
+    given = {"contact_force/r/h": ("N", force), "contact_pressure/r/h": ("Pa", pressure), **columns}
+    return trial_of(given, t=t)
+
+
+def test_a_gap_in_the_pressure_over_its_peak_leaves_a_contact_open() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, pressed()) == [VIOLATED]
+    finding = only(chest, with_gap(pressed(), "contact_pressure/r/h", 0.45, 0.51))
+    assert finding.verdict is INCONCLUSIVE
+    assert "the pressure is recorded, but not at 0.450 s" in finding.message
+
+
+def test_a_gap_in_the_pressure_leaves_open_no_force_that_is_too_large_and_no_other_time() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, with_gap(pressed(1e4), "contact_pressure/r/h", 0.45, 0.51)) == [VIOLATED]
+    assert verdicts(chest, with_gap(pressed(), "contact_pressure/r/h", 0.40, 0.44)) == [VIOLATED]
+    silent = replace(pressed(), signals={"contact_force/r/h": pressed().signals["contact_force/r/h"]})
+    assert verdicts(chest, silent) == [SATISFIED]
+
+
+@pytest.mark.parametrize(("begins_s", "verdict"), [(0.45, SATISFIED), (0.46, INCONCLUSIVE)])
+def test_the_pressure_may_begin_no_later_in_a_contact_than_a_gap_may_last(
+    begins_s: float, verdict: Verdict
+) -> None:
+    trial = pressed(**{"contact_pressure/r/h": ("Pa", 0.0)})
+
+    found = only(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.0, begins_s - 0.005))
+
+    assert found.verdict is verdict
+
+
+def test_the_area_gives_the_pressure_where_the_pressure_has_a_gap() -> None:
+    trial = pressed(**{"contact_area/r/h": ("m2", 0.01)})
+
+    assert verdicts(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.45, 0.51)) == [
+        SATISFIED
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("joint_speed/r", ("rad/s", lambda t: np.where((t > 0.6) & (t < 0.8), 1.0, 0.0))),
+        (
+            "position/r",
+            ("m", lambda t: np.stack([np.where((t > 0.6) & (t < 0.8), 1.0, 0), 0 * t, 0 * t], axis=1)),
+        ),
+    ],
+)
+def test_a_gap_in_the_joints_or_the_place_of_a_robot_at_rest_leaves_standstill_open(
+    name: str, column: Any
+) -> None:
+    unit, values = column
+    columns = {"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", 0.0)}
+    trial = trial_of({**columns, name: (unit, values(np.arange(101) / 100))})
+    monitor = MonitoredStandstill(workspace=SQUARE)
+
+    assert VIOLATED in verdicts(monitor, trial)
+    finding = only(monitor, with_gap(trial, name, 0.6, 0.8))
+    assert finding.verdict is INCONCLUSIVE
+    assert finding.message == f"no samples of {name!r} for 0.220 s, from 0.590 s"
+    assert VIOLATED in verdicts(monitor, with_gap(trial, name, 0.0, 0.3))  # before rest is due
+
+
+def test_drift_is_measured_from_the_first_place_that_is_known() -> None:
+    t = np.arange(101) / 100
+    creeping = np.stack([0.01 * t, 0 * t, 0 * t], axis=1)
+    columns = {
+        "position/h": ("m", [1.0, 1.0, 0.0]),
+        "speed/r": ("m/s", 0.0),
+        "position/r": ("m", creeping),
+    }
+    trial = with_gap(trial_of(columns), "position/r", 0.0, 0.025)
+
+    assert not violated(MonitoredStandstill(workspace=SQUARE, drift_m=0.01), trial)
+    assert violated(MonitoredStandstill(workspace=SQUARE, grace_s=0.0), trial)
+
+
+def test_a_gap_in_the_distance_of_a_moving_truck_over_contact_is_undecided() -> None:
+    t = np.arange(101) / 100
+    columns = {
+        "position/a": ("m", [0.0, 0.0, 0.0]),
+        "velocity/a": ("m/s", [0.5, 0.0, 0.0]),
+        "position/h": ("m", [0.0, 5.0, 0.0]),
+        "body_separation/a/h": ("m", np.where((t > 0.45) & (t < 0.55), 0.0, 1.0)),
+    }
+    trial = trial_of(columns, bodies=[Body("a", "agv"), Body("h", "human")])
+    resting = trial_of(
+        {**columns, "velocity/a": ("m/s", [0.0, 0.0, 0.0])}, bodies=[Body("a", "agv"), Body("h", "human")]
+    )
+
+    assert VIOLATED in verdicts(AgvProtectiveField(), trial)
+    assert verdicts(AgvProtectiveField(), with_gap(trial, "body_separation/a/h", 0.45, 0.55)) == [
+        INCONCLUSIVE
+    ]
+    assert INCONCLUSIVE not in verdicts(
+        AgvProtectiveField(), with_gap(resting, "body_separation/a/h", 0.45, 0.55)
+    )
+
+
 def test_a_hole_in_the_log_during_a_stop_is_undecided() -> None:
     trial = stopping(0.4)
     speed = trial.signals["speed/r"]
@@ -1903,10 +2096,53 @@ def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
     seen = t[t <= seen_s]
     signals = {
         "position/h": Signal("position/h", "m", held, np.zeros((len(held), 3))),
+        "position/r": Signal("position/r", "m", t, np.zeros((len(t), 3))),
         "separation/r/h": Signal("separation/r/h", "m", seen, np.full(len(seen), distance)),
         "speed/r": Signal("speed/r", "m/s", seen, np.full(len(seen), speed)),
     }
     return replace(trial_of({}, t=t), signals=signals)
+
+
+def _of_human(monitor: SignalCoverage, trial: Trial) -> Finding:
+    (finding,) = (f for f in monitor.watch(trial) if f.subject == "position/h")
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("quantity", "lacking"),
+    [
+        ("position", ["position/h", "position/r2"]),
+        ("speed", ["speed/r2"]),
+        ("separation", ["separation/r2/h"]),
+    ],
+)
+def test_a_subject_without_a_signal_that_another_has_is_named(quantity: str, lacking: list[str]) -> None:
+    names = {"position/r": [0.0, 0.0, 0.0], "speed/r": 0.0, "separation/r/h": 2.0}
+    trial = trial_of(
+        {name: ("m/s" if name == "speed/r" else "m", value) for name, value in names.items()},
+        bodies=(Body("h", "human"), Body("r", "robot"), Body("r2", "robot")),
+    )
+
+    found = list(SignalCoverage(quantities=(quantity,)).watch(trial))
+
+    assert [f.subject for f in found if f.verdict is INCONCLUSIVE] == lacking
+    assert len([f for f in found if f.verdict is SATISFIED]) == 1
+
+
+def test_a_link_places_its_body() -> None:
+    trial = trial_of({"position/r::tool": ("m", [0.0, 0.0, 0.0]), "position/h": ("m", [0.0, 0.0, 0.0])})
+
+    assert verdicts(SignalCoverage(), trial) == [SATISFIED, SATISFIED]
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+@pytest.mark.parametrize("recorded", [None, Span(0.0, 0.0)])
+def test_a_recording_that_lasts_no_time_covers_nothing(samples: int, recorded: Span | None) -> None:
+    t = np.arange(samples, dtype=float)
+    signals = {"position/r": Signal("position/r", "m", t, np.zeros((samples, 3)))}
+    trial = Trial("t", bodies=(Body("r", "robot"),), signals=signals, recorded=recorded)
+
+    assert only(SignalCoverage(), trial).verdict is INCONCLUSIVE
 
 
 def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(subtests: pytest.Subtests) -> None:
@@ -1918,19 +2154,19 @@ def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(subtests:
     ]
     for distance, speed, exposure_s, coverage in cases:
         with subtests.test(distance=distance, speed=speed, exposure_s=exposure_s):
-            found = only(SignalCoverage(share_of="exposure"), _watched(distance, speed))
+            found = _of_human(SignalCoverage(share_of="exposure"), _watched(distance, speed))
 
             assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
             assert found.quantities["coverage"] == pytest.approx(coverage)
             assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
-            assert only(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(
-                0.98
-            )
+            assert _of_human(SignalCoverage(), _watched(distance, speed)).quantities[
+                "coverage"
+            ] == pytest.approx(0.98)
 
 
 @pytest.mark.parametrize(("seen_s", "exposure_s"), [(10.0, 0.0), (3.0, 7.0), (-1.0, 10.0)])
 def test_who_is_not_seen_may_be_exposed(seen_s: float, exposure_s: float) -> None:
-    found = only(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
+    found = _of_human(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
 
     assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
     assert found.quantities["missing_s"] == pytest.approx(0.2 if exposure_s else 0.0)
@@ -1945,7 +2181,7 @@ def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
         ),
     )
 
-    assert only(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
+    assert _of_human(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
 
 
 def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:
