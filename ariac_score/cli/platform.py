@@ -184,10 +184,12 @@ def _config(arguments: argparse.Namespace) -> int:
     if arguments.folder is None:
         write(challenge_config(challenge), arguments.output)
         return 0
-    for name, content in challenge_files(challenge).items():
+    files = challenge_files(challenge)
+    for name, content in files.items():
         place = arguments.folder / name
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
+    print(f"wrote {len(files)} files in {plain(str(arguments.folder))}; 'platform evalai check' checks them")
     return 0
 
 
