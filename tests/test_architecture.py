@@ -57,7 +57,10 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "review": {"msgspec", "numpy", "rosbags"},
     "batch": {"distributed", "fsspec", "msgspec", "numpy", "pyarrow", "ray"},
     "report": {"jinja2", "markupsafe", "msgspec"},
-    "platforms": {"msgspec", "yaml"},  # what it keeps between phases are `Struct`s, as in `ranking` and `report`
+    "platforms": {
+        "msgspec",
+        "yaml",
+    },  # what it keeps between phases are `Struct`s, as in `ranking` and `report`
     "cli": {"rich"},
 }
 
