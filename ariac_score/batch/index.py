@@ -20,7 +20,7 @@ from ariac_score.batch.outcomes import CheckCounts, Summary, summary_of
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
-from ariac_score.results.codec import plain
+from ariac_score.results.codec import encodable, plain
 from ariac_score.results.result_file import RESULT
 
 __all__ = [
@@ -55,6 +55,8 @@ _LITTLE_MEMORY = "PRAGMA cache_size = -256"
 """KiB of a file that SQLite caches; the operating system caches it anyway."""
 _AT_A_TIME = 256
 """Rows that are written in one call of SQLite."""
+_LARGEST_RUN = (1 << 63) - 1
+"""Larger integers have no place in a table of SQLite."""
 _BLOCK = 1 << 16
 _CURRENT = f'"schema": "{RESULT.tag}"'.encode()
 
@@ -122,11 +124,20 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             ValueError: It is not one.
         """
-        # Not decoded by msgspec at once: a name of a file may hold half a surrogate pair.
+        # Not decoded by msgspec at once: it refuses half a surrogate pair, which a line may hold.
         try:
-            return msgspec.convert(json.loads(line), cls)
-        except msgspec.ValidationError as cause:
+            row = msgspec.convert(json.loads(line), cls)
+        except (msgspec.ValidationError, RecursionError) as cause:
             raise ValueError(f"no row: {cause}") from None
+        if abs(row.run) > _LARGEST_RUN or not all(
+            map(_in_utf_8, (row.team, row.trial, row.object, row.sha256))
+        ):
+            raise ValueError("no row: its names or its number have no place in a table")
+        return row
+
+
+def _in_utf_8(name: str) -> bool:
+    return name.isascii() or encodable(name) == name
 
 
 class Written(NamedTuple):

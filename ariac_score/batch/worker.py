@@ -308,6 +308,10 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
         short = True  # the traceback, which holds the memory, is released when this block is left
     except OSError as error:
         os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)  # without a report, it is tried again
+    except Exception as error:  # noqa: BLE001  # its traceback is discarded, so the cause goes into the report
+        reason = f"{type(error).__name__}: {error}"
+        _write_report(Done(task, "", *noted(report), _because(task, "failed", reason)), report)
+        short = False
     else:
         short = False
     if short:

@@ -12,10 +12,10 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
@@ -31,7 +31,15 @@ from ariac_score.errors import (
     did_you_mean,
 )
 
-__all__ = ["Plugin", "Registry", "origin_of", "package_sha256"]
+__all__ = [
+    "Plugin",
+    "Registry",
+    "UnreadableDistribution",
+    "origin_of",
+    "package_sha256",
+    "unreadable_distributions",
+    "unreadable_hint",
+]
 
 
 @dataclass(frozen=True)
@@ -151,6 +159,26 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             )
+
+
+@dataclass(frozen=True)
+class UnreadableDistribution:
+    """An installed distribution whose entry points cannot be read, so that none of them is used.
+
+    Attributes:
+        distribution: Its name.
+        version: Its version.
+        reason: What is wrong with its entry points.
+    """
+
+    distribution: str
+    version: str
+    reason: str
+
+    @property
+    def origin(self) -> str:
+        """Words for messages: name, version."""
+        return f"{self.distribution} {self.version}"
 
 
 def not_by_name(kind: Any) -> str:
@@ -303,6 +331,7 @@ class Registry:
             hint = did_you_mean(name, self.names(group), what="installed")
             if elsewhere:
                 hint = f"it is a plugin of {elsewhere[0]}, not of {group}"
+            hint += unreadable_hint()
             raise PluginNotFoundError(
                 f"no installed distribution provides {name!r} ({group})",
                 hint=f"{hint}; otherwise install the distribution that brings it",
@@ -318,20 +347,54 @@ class Registry:
 
 def _installed() -> Iterator[Plugin]:
     """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
-    everything = entry_points()
-    points = [
-        p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
-    ]
+    try:
+        everything = entry_points()
+        points = [
+            p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
+        ]
+    except Exception:  # noqa: BLE001  # one malformed entry_points.txt, of anybody, stops importlib
+        points = [p for _, found, _ in _each_distribution() for p in found if p.group.startswith(OURS)]
     origins = cache(origin_of)  # one distribution has many entry points, and reading its metadata takes time
     found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
     yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
+
+
+def unreadable_distributions() -> list[UnreadableDistribution]:
+    """The installed distributions whose entry points cannot be read, sorted."""
+    found = [
+        UnreadableDistribution(*origin_of(one), f"its entry points cannot be read: {problem}")
+        for one, _, problem in _each_distribution()
+        if problem
+    ]
+    return sorted(found, key=lambda one: (one.distribution, one.version))
+
+
+def unreadable_hint() -> str:
+    """The end of a hint about a missing name: it may be in a distribution that cannot be read."""
+    words = "; ".join(f"{one.origin}: {one.reason}" for one in unreadable_distributions())
+    return f"; {words}" if words else ""
+
+
+def _each_distribution() -> Iterator[tuple[Distribution, Sequence[EntryPoint], str]]:
+    """Each installed distribution with its entry points, or with the reason why they cannot be read."""
+    seen = set()
+    for one in distributions():
+        name, _ = origin_of(one)
+        if name in seen and name != "?":  # as for imports, the first one on `sys.path` counts
+            continue
+        seen.add(name)
+        try:
+            yield one, tuple(one.entry_points), ""
+        except Exception as cause:  # noqa: BLE001  # a stranger's text may break the parser in any way
+            yield one, (), f"{type(cause).__name__}: {cause}"
 
 
 def origin_of(distribution: Distribution | None) -> tuple[str, str]:
     """Normalised name and version of a distribution; `?` where its metadata lack them."""
     try:
         metadata = distribution.metadata if distribution else None
-    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
+    # What Python makes of missing metadata depends on its version; a ValueError: they are not UTF-8.
+    except (TypeError, FileNotFoundError, ValueError):
         metadata = None
     if metadata is None:
         return "?", "?"
@@ -354,7 +417,10 @@ def package_sha256(package: str) -> str:
     Raises:
         PluginError: The package cannot be found on disk.
     """
-    spec = find_spec(package)
+    try:
+        spec = find_spec(package)
+    except (ImportError, ValueError):  # for an empty name, and for a module that hides where it is from
+        spec = None
     roots = list(spec.submodule_search_locations or ()) if spec else []
     if spec is not None and not roots and spec.origin:
         files = [Path(spec.origin)]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.registry import Registry, package_sha256, unreadable_distributions, unreadable_hint
 from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
@@ -71,7 +71,10 @@ def run_list(arguments: argparse.Namespace) -> int:
         code = f" {row['sha256'][:16]}" if arguments.hash else ""
         about = row["problem"] or row["summary"]
         print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {about}")
-    return EXIT_PLUGIN if any(row["problem"] for row in rows) else 0
+    unreadable = unreadable_distributions()
+    for one in unreadable:  # not among the rows: nobody knows which plugins it has
+        print(plain(f"{one.origin}: {one.reason}"), file=sys.stderr)
+    return EXIT_PLUGIN if unreadable or any(row["problem"] for row in rows) else 0
 
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
@@ -124,7 +127,8 @@ def _named(name: str) -> list[Any]:
     if not groups:
         known = [known for group in GROUPS for known in registry.names(group)]
         raise PluginNotFoundError(
-            f"no installed distribution provides {name!r}", hint=did_you_mean(name, known, what="installed")
+            f"no installed distribution provides {name!r}",
+            hint=did_you_mean(name, known, what="installed") + unreadable_hint(),
         )
     return [registry.find(group, name) for group in groups]
 
