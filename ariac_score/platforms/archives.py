@@ -18,13 +18,13 @@ from typing import IO
 
 from ariac_score.errors import LogError
 
-__all__ = ["PACKED_STAMP", "ArchiveLimits", "is_archive", "unpack", "zipped"]
+__all__ = ["PACKED_STAMP", "SMALL", "ArchiveLimits", "is_archive", "unpack", "zipped"]
 
 PACKED_STAMP = (2020, 1, 1, 0, 0, 0)
 """The time of all members of the zips we write: the same files give the same bytes."""
 
 _BLOCK = 1 << 20
-_SMALL = 1 << 20
+SMALL = 1 << 20
 """What any archive may unpack to, whatever its ratio."""
 
 _DAMAGE = (
@@ -107,7 +107,7 @@ def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tu
 
 def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path]:
     seen: dict[str, str] = {}
-    total, most = 0, max(archive.stat().st_size * limits.ratio, _SMALL)
+    total, most = 0, max(archive.stat().st_size * limits.ratio, SMALL)
     for count, member in enumerate(_members(archive), start=1):
         if count > limits.members:
             raise _refused(archive, "", f"it has more than {limits.members} members", _SMALLER)

@@ -39,6 +39,7 @@ from ariac_score.platforms.submission import (
     hashes_text,
     load_phase,
     phase_text,
+    rules_and_log_map,
     score_submission,
 )
 from ariac_score.results.result_file import as_json
@@ -123,6 +124,7 @@ def write_bundle(
 
     Raises:
         UsageError: The rules compare teams, or the bundle would not work.
+        LogMapError: The log map that the rules name is not there, or is malformed.
     """
     if rule_set.sheet.needs_cohort:
         raise UsageError(
@@ -136,7 +138,7 @@ def write_bundle(
                 hint="use letters, digits, '_', '.' and '-', such as kitting",
             )
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
-    reference = {PHASE: phase_text(bundle.title, setting, names).encode(), RULES: setting.rules.encode()}
+    reference = {PHASE: phase_text(bundle.title, setting, names).encode(), **rules_and_log_map(setting)}
     reference |= {names[trial]: _content(config) for trial, config in trials.items() if config}
     reference[HASHES] = hashes_text(reference).encode()
     metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"

@@ -7,11 +7,12 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import yaml
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
 from ariac_score.batch.outcomes import UNSETTLED, summary_of
@@ -19,9 +20,10 @@ from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.checks.findings import Verdict
 from ariac_score.documents.schema import strict_json
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.score import check_configuration
-from ariac_score.errors import DataFileError, LogError, RunEndedError, ScoreError, UsageError
-from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
+from ariac_score.errors import DataFileError, LogError, PluginError, RunEndedError, ScoreError, UsageError
+from ariac_score.platforms.archives import SMALL, ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.neutral import STATUS, Metrics, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
@@ -29,10 +31,12 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.codec import Format, as_text
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
+from ariac_score.trial.logmap import is_log_map_file, load_log_map
 
 __all__ = [
     "EMPTY",
     "HASHES",
+    "LOG_MAP",
     "PHASE",
     "RULES",
     "Phase",
@@ -42,12 +46,14 @@ __all__ = [
     "hashes_text",
     "load_phase",
     "phase_text",
+    "rules_and_log_map",
     "score_submission",
 ]
 
 TEAM = "submission"
 PHASE = "phase.json"
 RULES = "ruleset.yaml"
+LOG_MAP = "log_map.yaml"
 HASHES = "hashes.json"
 EMPTY = (
     "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
@@ -55,8 +61,15 @@ EMPTY = (
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
+<<<<<<< HEAD
 STARTED_WITHIN = 0.9
 """Share of the time of one run in which all runs must start; a bundle grants a submission twice that time."""
+=======
+_NESTED = 4
+"""Archives inside one another."""
+BEGUN_WITHIN = 0.9
+"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
+>>>>>>> fixd
 _OF_THE_WORKER = ("metadata",)
 """Files that the platform's worker puts among those of a submission."""
 
@@ -127,6 +140,24 @@ def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str]) -> s
     return PHASE_FORMAT.text(PhaseDescription(name, rule_set, setting.limits, trials))
 
 
+def rules_and_log_map(setting: BatchSetting) -> dict[str, bytes]:
+    """The rules of a phase, by file name, with the log map that they name where it is a file of its own.
+
+    Raises:
+        LogMapError: The log map is not there, or is malformed.
+    """
+    rule_set = setting.rule_set()
+    if not is_log_map_file(rule_set.log_map):
+        return {RULES: setting.rules.encode()}
+    file = Path(rule_set.file).parent / rule_set.log_map
+    load_log_map(str(file))
+    # Under a name of ours: theirs may lead out of the folder of the rules, and here there is no such folder.
+    rules = yaml.safe_dump(
+        {**rule_set.expanded, "log_map": LOG_MAP}, sort_keys=False, allow_unicode=True, width=100
+    )
+    return {RULES: rules.encode(), LOG_MAP: file.read_bytes()}
+
+
 def hashes_text(files: Mapping[str, bytes]) -> str:
     """The SHA-256 of each file of the reference data, which `load_phase` checks."""
     return as_text({name: hashlib.sha256(content).hexdigest() for name, content in files.items()})
@@ -155,8 +186,8 @@ def load_phase(folder: Path) -> Phase:
     """Read the reference data of a phase.
 
     Raises:
-        UsageError: A file is missing, or was changed since it was written; this is the organisers' fault.
-        DataFileError: `phase.json` is malformed.
+        ScoreError: A file is missing, malformed, or was changed since it was written, or no trial can be
+            scored by these rules here; this is the organisers' fault.
     """
     try:
         _check_hashes(folder)
@@ -178,6 +209,8 @@ def load_phase(folder: Path) -> Phase:
     trials = tuple(
         TrialPlan(trial, folder / name if name else None) for trial, name in description.trials.items()
     )
+    # Each run would find the same fault, and it would look like one of the submission.
+    prepare(setting.rule_set())
     return Phase(description.phase, setting, trials, folder, ArchiveLimits())
 
 
@@ -207,6 +240,7 @@ def score_submission(
 
     Raises:
         UsageError: Something is wrong with the reference data.
+        PluginError: The scorer or a plugin failed.
     """
     rule_set = phase.setting.rule_set()
     if rule_set.sheet.needs_cohort:
@@ -227,6 +261,7 @@ def score_submission(
     late: list[RunTask] = []
     in_time = _in_time(tasks, phase.setting.limits.wall_s * STARTED_WITHIN, late)
     for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
+        _refuse_fault_of_ours(done)
         results[done.task.key] = _result_of(done, work)
         on_line(_line(done))
     for task in late:
@@ -275,7 +310,7 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[RunTask]:
     """
     configs = {trial.id: trial.config for trial in phase.trials}
     taken: set[tuple[str, int]] = set()
-    for entry in _entries(files, phase, work):
+    for entry in _entries(files, _Unpacking(files, phase.archive_limits), work):
         trial, number = _named(entry, configs)
         if (trial, number) in taken:
             raise LogError(
@@ -288,7 +323,32 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[RunTask]:
         yield RunTask(TEAM, trial, number, str(entry), str(entry.parent), also, binding=True)
 
 
-def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:
+class _Unpacking:
+    """What the archives of one submission may still unpack to, all together.
+
+    With limits for each archive alone, archives in archives would multiply their ratios.
+    """
+
+    def __init__(self, files: Path, limits: ArchiveLimits) -> None:
+        handed_in = sum(entry.stat().st_size for entry in files.iterdir() if entry.is_file())
+        most = max(handed_in * limits.ratio, SMALL)
+        self._left = replace(limits, bytes=min(limits.bytes, most))
+
+    def unpack(self, archive: Path, into: Path) -> None:
+        """Unpack an archive, and take what came out from what is left.
+
+        Raises:
+            LogError: It is refused.
+        """
+        came_out = unpack(archive, into, self._left)
+        self._left = replace(
+            self._left,
+            bytes=self._left.bytes - sum(file.stat().st_size for file in came_out),
+            members=self._left.members - len(came_out),
+        )
+
+
+def _entries(files: Path, unpacking: _Unpacking, work: Path, depth: int = 0) -> Iterator[Path]:
     found = [
         entry
         for entry in sorted(files.iterdir())
@@ -298,10 +358,17 @@ def _entries(files: Path, phase: Phase, work: Path) -> Iterator[Path]:
         if entry.is_symlink():
             raise LogError("it is a link", file=entry, hint="hand in the file itself")
         if entry.is_file() and entry.suffix in (".zip", ".tar", ".gz", ".tgz") and is_archive(entry):
-            folder = work / "unpacked" / entry.stem
+            if depth >= _NESTED:
+                raise LogError(
+                    f"more than {_NESTED} archives inside one another",
+                    file=entry,
+                    hint="pack the trials once",
+                )
+            # By its whole name: `day.zip` and `day.tar` are two archives.
+            folder = work / "unpacked" / entry.name
             shutil.rmtree(folder, ignore_errors=True)
-            unpack(entry, folder, phase.archive_limits)
-            yield from _entries(folder, phase, work / entry.stem)
+            unpacking.unpack(entry, folder)
+            yield from _entries(folder, unpacking, work / entry.name, depth + 1)
         else:
             yield entry
 
@@ -322,6 +389,21 @@ def _named(entry: Path, configs: Mapping[str, Any]) -> tuple[str, int]:
 
 
 # The outcome ---------------------------------------------------------------------------
+
+
+def _refuse_fault_of_ours(done: Done) -> None:
+    """Refuse an outcome that is no fault of the submission, for it may never look like a score.
+
+    Raises:
+        PluginError: The scorer or a plugin failed.
+    """
+    assert done.document is not None
+    summary = summary_of(done.document)
+    if summary.outcome in ("failed", "plugin_failed"):
+        raise PluginError(
+            _line(done),
+            hint="mend the plugin or the scorer, and score the submission again",
+        )
 
 
 def _result_of(done: Done, work: Path) -> Result | ScoreError:

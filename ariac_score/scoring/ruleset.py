@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -285,9 +286,8 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
         base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
-    if "log_map" not in document.data and base.data["log_map"].endswith((".yaml", ".yml")):
-        base.data["log_map"] = str(Path(base.file).parent / base.data["log_map"])
-    base.data["include"] = [_from_folder_of(base.file, name) for name in base.data.get("include", [])]
+    base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
+    base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
@@ -334,9 +334,11 @@ def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
         ) from error
 
 
-def _from_folder_of(file: str, name: str) -> str:
-    """A name in a rule set file, usable from another one: a path is joined to its folder."""
-    return str(Path(file).parent / name) if name.endswith((".yaml", ".yml")) else name
+def _named_from(file: Path, base: str, name: str) -> str:
+    """A name in the file of a base, usable from a rule set that extends it: a path starts from its folder."""
+    if not name.endswith((".yaml", ".yml")) or Path(name).is_absolute():
+        return name
+    return os.path.relpath(Path(base).parent / name, file.parent)
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

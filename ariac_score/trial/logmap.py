@@ -12,7 +12,7 @@ from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, 
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
 
-__all__ = ["load_log_map", "log_map_names"]
+__all__ = ["is_log_map_file", "load_log_map", "log_map_names"]
 
 _FILE = "log_map"
 
@@ -20,6 +20,11 @@ _FILE = "log_map"
 def log_map_names() -> list[str]:
     """The names of the shipped log maps."""
     return sorted(name.rpartition(".")[0] for name in shipped_rules() if name.rpartition(".")[2] == _FILE)
+
+
+def is_log_map_file(name: str) -> bool:
+    """Whether a log map is named by the path of a file; no shipped one has such a name."""
+    return name.endswith((".yaml", ".yml")) or "/" in name
 
 
 def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
@@ -33,7 +38,7 @@ def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
         LogMapError: Unknown name, malformed file, or a signal that does not fit
             the vocabulary.
     """
-    if name.endswith((".yaml", ".yml")) or "/" in name:  # no shipped name has either
+    if is_log_map_file(name):
         path = (beside or Path()) / name
     else:
         shipped = shipped_rules().get(f"{name}.{_FILE}")

@@ -121,3 +121,30 @@ def test_messages_are_counted_over_all_files(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="announces 21 messages, the files hold 20"):
         list(scan)
     assert scan.share == 1.0
+
+
+@every_storage
+@pytest.mark.parametrize("linked", ["metadata.yaml", "storage"])
+def test_a_link_out_of_the_recording_is_refused_by_name(tmp_path: Path, storage: Any, linked: str) -> None:
+    folder = recording(tmp_path / "r", storage)
+    file = folder / "metadata.yaml" if linked == "metadata.yaml" else packed_file(folder)
+    elsewhere = file.rename(tmp_path / file.name)
+    file.symlink_to(elsewhere)
+
+    with pytest.raises(LogError, match="leads out of the folder") as refused:
+        read_tables(folder, {"/x": None})
+
+    assert file.name in str(refused.value)
+
+
+@every_storage
+def test_a_link_to_the_whole_recording_or_within_it_is_followed(tmp_path: Path, storage: Any) -> None:
+    folder = recording(tmp_path / "r", storage)
+    file = packed_file(folder)
+    file.rename(folder / "kept")
+    file.symlink_to("kept")
+    (tmp_path / "link").symlink_to(folder)
+
+    (table,) = read_tables(tmp_path / "link", {"/x": None})
+
+    assert len(table.columns["data"].values) == 20

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -24,9 +25,11 @@ import pytest
 import yaml
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch.tasks import BatchSetting, Limits
+from ariac_score.batch.outcomes import outcome_document
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
+from ariac_score.batch.worker import Done
 from ariac_score.cli import main
-from ariac_score.errors import BatchError, DataFileError, UsageError
+from ariac_score.errors import BatchError, DataFileError, ScoreError, UsageError
 from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
@@ -194,7 +197,10 @@ def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
     assert "not scored: the runs before it took all the time" in page
 
 
-@pytest.mark.parametrize("damage", ["no phase", "no rules", "other schema", "rules that compare teams"])
+@pytest.mark.parametrize(
+    "damage",
+    ["no phase", "no rules", "other schema", "rules that compare teams", "no log map", "no such plugin"],
+)
 def test_a_broken_scorer_is_a_failure_and_never_a_score(
     tmp_path: Path, damage: str, log_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,6 +213,14 @@ def test_a_broken_scorer_is_a_failure_and_never_a_score(
         (inputs / "ref/ruleset.yaml").write_text("id: [", encoding="utf-8")
     elif damage == "other schema":
         phase.write_text(phase.read_text().replace("phase/1", "phase/9"), encoding="utf-8")
+    elif damage in ("no log map", "no such plugin"):
+        rules = inputs / "ref/ruleset.yaml"
+        old, new = {
+            "no log map": ("log_map: ariac2020", "log_map: ./ours.yaml"),
+            "no such plugin": ("use: kitting.pose", "use: nobody.pose"),
+        }[damage]
+        assert old in rules.read_text(encoding="utf-8")
+        rules.write_text(rules.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     else:
         setting = BatchSetting.of(load_rule_set("ariac2024.official"), Limits())
         phase.write_text(phase_text("practice", setting, {"kit": ""}), encoding="utf-8")
@@ -217,6 +231,22 @@ def test_a_broken_scorer_is_a_failure_and_never_a_score(
     assert not (tmp_path / "output/scores.json").exists()
     assert "The scorer failed" in (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize("outcome", ["failed", "plugin_failed"])
+def test_a_run_that_the_scorer_failed_at_is_no_score(
+    tmp_path: Path, log_text: str, monkeypatch: pytest.MonkeyPatch, outcome: str
+) -> None:
+    def failing(_: object, tasks: Iterable[RunTask], __: object) -> Iterator[Done]:
+        document = outcome_document(outcome, "no such table", team="submission", trial="kit")
+        return (Done(task, "", "", "", document) for task in tasks)
+
+    monkeypatch.setattr(submission.LocalExecutor, "run", failing)
+    inputs = reference(tmp_path / "input", "kit")
+    (inputs / "res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 3
+    assert not (tmp_path / "output/scores.json").exists()
 
 
 class _Page(HTMLParser):
@@ -566,6 +596,99 @@ def test_reference_data_with_a_wrong_checksum_score_nobody(
 
 
 # The pack ------------------------------------------------------------------------------
+
+
+OWN_MAP = """\
+id: workshop
+title: A map of the organiser's own
+source: the organiser
+channels: [{topic: /records, decoder: ariac_score.records}]
+"""
+
+
+@pytest.mark.parametrize("name", ["./ours.yaml", "../maps/ours.yaml", "{absolute}/maps/ours.yaml"])
+@pytest.mark.parametrize("extended", [False, True])
+def test_a_log_map_of_the_organisers_own_is_packed(
+    tmp_path: Path, log_text: str, name: str, extended: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("rules", "maps", "children"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "ours.yaml").write_text(OWN_MAP, encoding="utf-8")
+    own = f"id: ours\ntitle: Ours\nsource: us\nextends: {RULES}\nlog_map: {name.format(absolute=tmp_path)}\n"
+    (tmp_path / "rules/rules.yaml").write_text(own, encoding="utf-8")
+    child = "id: child\ntitle: Child\nsource: us\nextends: ../rules/rules.yaml\n"
+    (tmp_path / "children/child.yaml").write_text(child, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    rule_set = load_rule_set("children/child.yaml" if extended else "rules/rules.yaml")
+    bundle = tmp_path / "bundle.zip"
+    write_bundle(BUNDLE, rule_set, BatchSetting.of(rule_set, Limits(120.0, 0)), {"kit": None}, bundle)
+    for folder in ("rules", "maps", "children"):
+        (tmp_path / folder / "ours.yaml").unlink()  # the platform has what is in the bundle, and no more
+    submission = zipped(tmp_path / "kit.zip", {"kit_1/trial.jsonl": log_text.encode()})
+
+    assert check_bundle(bundle) == []
+    assert dry_run(bundle, submission, tmp_path / "dry") == 0
+    assert told(tmp_path / "dry/output")["status_code"] == 0
+
+
+def test_a_bundle_without_the_log_map_that_its_rules_name_is_refused(tmp_path: Path) -> None:
+    own = f"id: ours\ntitle: Ours\nsource: us\nextends: {RULES}\nlog_map: ./ours.yaml\n"
+    (tmp_path / "rules.yaml").write_text(own, encoding="utf-8")
+    rule_set = load_rule_set(str(tmp_path / "rules.yaml"))
+    setting = BatchSetting.of(rule_set, Limits(120.0, 0))
+
+    with pytest.raises(ScoreError, match=r"ours\.yaml"):
+        write_bundle(BUNDLE, rule_set, setting, {"kit": None}, tmp_path / "bundle.zip")
+
+    assert not (tmp_path / "bundle.zip").exists()
+
+
+def _tgz(members: dict[str, bytes]) -> bytes:
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w:gz") as packed:
+        for name, content in members.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            packed.addfile(info, io.BytesIO(content))
+    return out.getvalue()
+
+
+def test_archives_in_archives_share_one_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    inner = {f"part_{number}.tgz": _tgz({"kit_1.jsonl": bytes(900_000)}) for number in range(9)}
+    submission = inputs / "res/kit.tgz"
+    submission.write_bytes(_tgz(inner))
+    assert submission.stat().st_size * 200 < 9 * 900_000
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 2
+    assert "it holds more than" in capsys.readouterr().out
+
+
+def test_archives_are_unpacked_only_so_deep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    content = _tgz({"kit_1.jsonl": b"{}"})
+    for _ in range(9):
+        content = _tgz({"again.tgz": content})
+    (inputs / "res/kit.tgz").write_bytes(content)
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 2
+    assert "archives inside one another" in capsys.readouterr().out
+
+
+def test_two_archives_of_one_stem_are_both_scored(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    zipped(inputs / "res/day.zip", {"kit_1.jsonl": log_text.encode()})
+    (inputs / "res/day.tgz").write_bytes(_tgz({"kit_2.jsonl": log_text.encode()}))
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    assert told(tmp_path / "output")["status_code"] == 0
+    names = {file.name for file in (tmp_path / "output/results").iterdir()}
+    assert names == {"kit_1.json", "kit_2.json"}
 
 
 def test_a_pack_keeps_recordings_in_their_folders(tmp_path: Path) -> None:

@@ -140,6 +140,7 @@ def _read_metadata(path: Path) -> _Metadata:
         raise LogError(
             f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX
         )
+    _refuse_link_out(file, path)
     try:
         metadata = _parsed(path, load_yaml(file).data[METADATA_KEY])
     except DataFileError as error:
@@ -152,6 +153,7 @@ def _read_metadata(path: Path) -> _Metadata:
             f"it cannot be understood: {type(error).__name__}: {cause}", file=file, hint=_REINDEX
         ) from error
     for storage in metadata.files:
+        _refuse_link_out(storage, path)
         if not is_there(storage) or not storage.is_file():
             raise LogError(
                 f"it names {storage.name!r}, which is not in the folder",
@@ -159,6 +161,24 @@ def _read_metadata(path: Path) -> _Metadata:
                 hint="copy the whole folder of the recording",
             )
     return metadata
+
+
+def _refuse_link_out(file: Path, folder: Path) -> None:
+    """Refuse a file that is elsewhere: a recording may come from a stranger, and nothing else of ours is his.
+
+    Raises:
+        LogError: It is a link out of the folder.
+    """
+    try:
+        inside = file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # a loop of links, or a name that no file can have
+        inside = not is_there(file)  # named by the caller as one that is not there
+    if not inside:
+        raise LogError(
+            f"{file.name!r} is a link that leads out of the folder of the recording",
+            file=folder,
+            hint="put the file itself into the folder",
+        )
 
 
 def _parsed(path: Path, facts: Mapping[str, object]) -> _Metadata:
