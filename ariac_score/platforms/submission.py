@@ -61,15 +61,10 @@ EMPTY = (
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
-<<<<<<< HEAD
-STARTED_WITHIN = 0.9
-"""Share of the time of one run in which all runs must start; a bundle grants a submission twice that time."""
-=======
 _NESTED = 4
 """Archives inside one another."""
-BEGUN_WITHIN = 0.9
-"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
->>>>>>> fixd
+STARTED_WITHIN = 0.9
+"""Share of the time of one run in which all runs must start; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
 """Files that the platform's worker puts among those of a submission."""
 

@@ -628,7 +628,7 @@ def test_a_log_map_of_the_organisers_own_is_packed(
 
     assert check_bundle(bundle) == []
     assert dry_run(bundle, submission, tmp_path / "dry") == 0
-    assert told(tmp_path / "dry/output")["status_code"] == 0
+    assert stored_scores(tmp_path / "dry/output")["status_code"] == 0
 
 
 def test_a_bundle_without_the_log_map_that_its_rules_name_is_refused(tmp_path: Path) -> None:
@@ -662,7 +662,7 @@ def test_archives_in_archives_share_one_limit(tmp_path: Path, capsys: pytest.Cap
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert "it holds more than" in capsys.readouterr().out
 
 
@@ -675,7 +675,7 @@ def test_archives_are_unpacked_only_so_deep(tmp_path: Path, capsys: pytest.Captu
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert "archives inside one another" in capsys.readouterr().out
 
 
@@ -686,7 +686,7 @@ def test_two_archives_of_one_stem_are_both_scored(tmp_path: Path, log_text: str)
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 0
+    assert stored_scores(tmp_path / "output")["status_code"] == 0
     names = {file.name for file in (tmp_path / "output/results").iterdir()}
     assert names == {"kit_1.json", "kit_2.json"}
 
