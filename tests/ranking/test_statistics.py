@@ -403,6 +403,14 @@ def test_count_back_separates_equal_sums_in_every_draw() -> None:
     assert counted["B"][0] <= plain_chances["B"][0]
 
 
+@pytest.mark.parametrize(("highest", "first"), [(True, "A"), (False, "B")])
+def test_the_marks_of_judges_separate_equal_teams_in_every_draw(highest: bool, first: str) -> None:
+    scores = {"A": [[3], [3]], "B": [[3], [3]]}
+    found = statistics(scores, {"A": 4.0, "B": 2.0}, ties=(Key("judges", highest=highest),))
+
+    assert chances(found)[first] == (1.0, 0.0)
+
+
 # Coverage ----------------------------------------------------------------------------------
 
 
