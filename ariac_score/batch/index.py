@@ -129,7 +129,9 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
             row = msgspec.convert(json.loads(line), cls)
         except (msgspec.ValidationError, RecursionError) as cause:
             raise ValueError(f"no row: {cause}") from None
-        if abs(row.run) > _LARGEST_RUN or not all(map(_in_utf_8, (row.team, row.trial, row.object, row.sha256))):
+        if abs(row.run) > _LARGEST_RUN or not all(
+            map(_in_utf_8, (row.team, row.trial, row.object, row.sha256))
+        ):
             raise ValueError("no row: its names or its number have no place in a table")
         return row
 
