@@ -1,6 +1,6 @@
 """One run in a process of its own, on a worker of a cluster, which itself is often not allowed to fork.
 
-A keeper, `python -m ariac_score.batch.isolated`, is started once for each worker process. It has
+A keeper, `python` that calls `keep`, is started once for each worker process. It has
 everything imported and forks a process for each run; jobs come in as lines of JSON.
 """
 
@@ -24,7 +24,7 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 
-__all__ = ["absolute", "earlier_document", "measure_isolated"]
+__all__ = ["absolute", "earlier_document", "keep", "measure_isolated"]
 
 _READY = b"ready\n"
 _LARGEST_SENT_BYTES = 4 << 20
@@ -111,10 +111,7 @@ def _absolute(name: str) -> str:
 
 # Not `python -m`, which looks for modules in the working directory first: a worker of a cluster may be
 # started in a checkout whose package is installed elsewhere.
-_START = (
-    "import sys; sys.path[:] = sys.argv[1:]; import runpy;"
-    " runpy.run_module('ariac_score.batch.isolated', run_name='__main__')"
-)
+_START = "import sys; sys.path[:] = sys.argv[1:]; from ariac_score.batch.isolated import keep; keep()"
 
 
 class _Keeper:
@@ -183,5 +180,6 @@ def _serve(lines: IO[bytes], ready: IO[bytes]) -> None:
             ready.flush()
 
 
-if __name__ == "__main__":
+def keep() -> None:
+    """What the process of a keeper does."""
     _serve(sys.stdin.buffer, sys.stdout.buffer)

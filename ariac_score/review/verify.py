@@ -380,9 +380,14 @@ def _file_difference(then: str | None, now: str | None) -> str:
 
 
 def _recomputed(stored: Result, again: Result) -> Step:
+    recorded = bool(stored.provenance.code)
+    if not recorded:  # then it claims nothing of the code that could be wrong
+        again = replace(again, provenance=replace(again.provenance, code=()))
     before, after = as_json(stored), as_json(again)
-    if before == after:
+    if before == after and recorded:
         return Step("recomputed", OK, "the same to the byte")
+    if before == after:
+        return Step("recomputed", NOTE, "the same to the byte; the code that made it is not recorded")
     found = _differences(json.loads(before), json.loads(after))
     values = [each for each in found if not _is_record(each[0], stored)]
     words = (

@@ -66,6 +66,25 @@ def test_sources_in_the_working_directory_that_are_not_installed_are_not_used(
     assert outcomes(tmp_path / "out") == {"a.jsonl": "scored"}
 
 
+def test_a_worker_of_a_cluster_does_not_use_them_either(trials: Path, tmp_path: Path) -> None:
+    (tmp_path / "ariac_score").mkdir()
+    (tmp_path / "ariac_score/__init__.py").write_text("raise RuntimeError('not this one')\n")
+    code = (
+        "import sys; sys.path.pop(0); from ariac_score import load_rule_set;"
+        " from ariac_score.batch.isolated import measure_apart;"
+        " from ariac_score.batch.tasks import BatchSetting, Limits, RunTask;"
+        f" setting = BatchSetting.of(load_rule_set({RULES!r}), Limits(memory_bytes=0));"
+        f" done = measure_apart(RunTask('', 'a', 1, {str(trials / 'a.jsonl')!r}), setting);"
+        " print(b'task' in done.document)"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+
+    assert done.stdout == "True\n", done.stderr
+
+
 def test_programs_that_a_plugin_starts_have_the_environment_of_the_user(tmp_path: Path) -> None:
     code = (
         "import os; os.environ['PYTHONSAFEPATH'] = local.SAFE_PATH[1];"

@@ -280,6 +280,37 @@ def test_other_code_alone_is_a_note_and_no_failure(stored: Path, tmp_path: Path)
     assert "ariac-score 0.0.1 with ariac_score made it, here it is" in words(found, "code")
 
 
+def _without_code(data: dict[str, Any]) -> None:
+    data["provenance"]["code"] = []
+
+
+def _of_another_team_without_code(data: dict[str, Any]) -> None:
+    _without_code(data)
+    data["measured"]["team"] = "another"
+
+
+def test_a_result_that_does_not_record_its_code_holds_with_a_note(
+    stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = edited(stored, tmp_path, _without_code)
+
+    found = {step.name: step for step in verify_result(file, log=LOG, rules="paper2020").steps}
+
+    assert found["recomputed"].outcome == "note"
+    assert "the code that made it is not recorded" in found["recomputed"].words
+    shipped = ROOT / "examples/kitting_near_miss.result.json"
+    assert main(["verify", str(shipped), "--log", str(LOG), "--rules", "paper2020"]) == 0
+    assert "does not hold" not in capsys.readouterr().out
+
+
+def test_a_result_that_does_not_record_its_code_is_compared_all_the_same(
+    stored: Path, tmp_path: Path
+) -> None:
+    file = edited(stored, tmp_path, _of_another_team_without_code)
+
+    assert not verify_result(file, log=LOG, rules="paper2020").holds
+
+
 def test_code_that_is_not_installed_is_named(stored: Path, tmp_path: Path) -> None:
     stranger = {"distribution": "stranger", "version": "2", "package": "stranger", "sha256": "0" * 64}
     found = verify_result(edited(stored, tmp_path, _set("provenance/code/0", stranger)))
