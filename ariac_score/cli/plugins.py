@@ -67,7 +67,13 @@ def run_list(arguments: argparse.Namespace) -> int:
         code = f" {row['sha256'][:16]}" if arguments.hash else ""
         words = f"{row['problem'] or row['summary']}"
         print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {words}")
-    return EXIT_PLUGIN if any(row["problem"] for row in rows) else 0
+    problems = [row["name"] for row in rows if row["problem"]]
+    if not problems:
+        return 0
+    one = "plugin cannot" if len(problems) == 1 else "plugins cannot"
+    print(f"error: {len(problems)} {one} be used: {', '.join(problems)}", file=sys.stderr)
+    print("hint: 'ariac-score plugins doctor' says what is wrong with each, and what to do", file=sys.stderr)
+    return EXIT_PLUGIN
 
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
@@ -83,7 +89,7 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
         "problem": "",
     }
     try:
-        row["summary"] = (plugin.load().__doc__ or "").strip().partition("\n")[0]
+        row["summary"] = _summary(plugin.load())
         row["sha256"] = package_sha256(plugin.package)
     except PluginError as error:
         row["problem"] = f"BROKEN: {error.cause}"
@@ -92,6 +98,13 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
     except PluginError as error:
         row["problem"] = f"CANNOT BE USED: {error.cause}"
     return row
+
+
+def _summary(kind: Any) -> str:
+    """The first line of what a class says about itself."""
+    words = (kind.__doc__ or "").strip().partition("\n")[0]
+    # A dataclass without a docstring is given its signature for one: `Bad(limit_m: float = 1.0)`.
+    return "(no description)" if not words or words.startswith(f"{kind.__name__}(") else words
 
 
 # show ----------------------------------------------------------------------------------
