@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from ariac_score import errors, load_rule_set, score_trial
+from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.registry import Registry
+from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import rule_set_names
 from ariac_score.scoring.sheet import CHECK_FUNCTIONS, FACTS
+from ariac_score.testing import Recorded, write_bag
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -42,6 +47,16 @@ def test_the_readme_lists_every_shipped_rule_set() -> None:
 
     assert "`ariac2017.as_coded` … `ariac2020.as_coded`" in README
     assert set(rule_set_names()) <= listed
+
+
+def test_the_readme_lists_every_command_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    commands = re.findall(r"^    ([a-z]+) ", capsys.readouterr().out, re.MULTILINE)
+
+    assert {"score", "sign"} <= set(commands)
+    for command in commands:
+        assert re.search(rf"^ariac-score {command}\b", README, re.MULTILINE), command
 
 
 def test_the_readme_has_every_exit_code() -> None:
@@ -99,6 +114,55 @@ def test_the_trial_log_of_its_page_keeps_the_schema_and_scores(tmp_path: Path) -
     result = score_trial(tmp_path / "run_7.jsonl", "paper2020")
     # One sample says nothing about the nine seconds: undecided, and said so.
     assert result.status == "incomplete"
+
+
+TEAHOUSE_NS = 1_800_000_000_000_000_000
+
+
+def _teahouse_recording(file: Path, *, spilt: bool) -> Path:
+    """Twenty seconds at 50 Hz: the tray tilts from 6 s to 7 s, the guest comes within a metre at 10 s."""
+    messages = []
+    for number in range(1001):
+        t_ns = TEAHOUSE_NS + number * 20_000_000
+        stamp = {"sec": t_ns // 10**9, "nanosec": t_ns % 10**9}
+        for body, x in (("waiter", 0.0), ("guest", max(0.5, abs(number - 500) * 0.02))):
+            fields = {"header": {"stamp": stamp, "frame_id": "hall"}, "point": {"x": x, "y": 0.0, "z": 0.0}}
+            messages.append(Recorded(f"/{body}/position", "geometry_msgs/msg/PointStamped", t_ns, fields))
+        tilt = 0.5 if 300 <= number < 350 else 0.1
+        messages.append(Recorded("/tray/tilt", "std_msgs/msg/Float64", t_ns, {"data": tilt}))
+        word = {0: "serving", 1000: "over", **({700: "spill"} if spilt else {})}.get(number)
+        if word:
+            messages.append(Recorded("/match", "std_msgs/msg/String", t_ns, {"data": word}))
+    return write_bag(file, messages, storage="mcap")
+
+
+@pytest.mark.parametrize(("spilt", "score"), [(False, 100 - 10 - 20), (True, 100 - 10 - 20 - 50)])
+def test_the_competition_of_its_page_is_scored(
+    install: Callable[..., str], tmp_path: Path, spilt: bool, score: int
+) -> None:
+    page = (ROOT / "docs/write-a-competition.md").read_text(encoding="utf-8")
+    log_map, rules = _blocks(page, "yaml")
+    (decoder,) = _blocks(page, "python")
+    (entry,) = _blocks(page, "toml")
+    (tmp_path / "teahouse_map.yaml").write_text(log_map, encoding="utf-8")
+    (tmp_path / "teahouse.yaml").write_text(rules, encoding="utf-8")
+    group, name, attribute = re.findall(r'entry-points\."(.+)"\]\n"(.+)" = "teahouse:(.+)"', entry)[0]
+    install("teahouse", {name: attribute}, source=decoder, group=group)
+
+    result = score_trial(
+        _teahouse_recording(tmp_path / "t.mcap", spilt=spilt), str(tmp_path / "teahouse.yaml")
+    )
+
+    assert result.score == score
+    decode = Registry().find(group, name).build({}).decode
+    assert decode("std_msgs/msg/String", SimpleNamespace(data="tea break"), 1.0) is None
+
+
+def test_the_page_on_competitions_names_every_group() -> None:
+    page = (ROOT / "docs/write-a-competition.md").read_text(encoding="utf-8")
+
+    for group in (*GROUPS, "ariac_score.messages"):
+        assert f"`{group}`" in page
 
 
 def test_the_architecture_page_names_every_module() -> None:

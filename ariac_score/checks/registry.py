@@ -217,7 +217,12 @@ class Parameter:
 def _remedy(value: Any, wanted: Parameter) -> str:
     if value not in get_args(wanted.type) and str(value) in get_args(wanted.type):
         return f"it is text, not a number: write '{value}' in quotes"
-    hint = f"its default is {wanted.default!r}"
+    numeric = {int, float} & {wanted.type, *get_args(wanted.type)}
+    if numeric and wanted.facts.unit and isinstance(value, str):  # `100 ms`
+        unit = "" if wanted.facts.unit == "1" else f" in {wanted.facts.unit}"
+        hint = f"give a number{unit}, such as {0.1 if wanted.default in (None, 'none') else wanted.default!r}"
+    else:
+        hint = f"its default is {wanted.default!r}"
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         hint += "; YAML takes a number with an exponent for text unless it has a point and a sign: 3.0e-2"
     return hint

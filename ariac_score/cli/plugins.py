@@ -74,7 +74,14 @@ def run_list(arguments: argparse.Namespace) -> int:
     unreadable = unreadable_distributions()
     for one in unreadable:  # not among the rows: nobody knows which plugins it has
         print(plain(f"{one.origin}: {one.reason}"), file=sys.stderr)
-    return EXIT_PLUGIN if unreadable or any(row["problem"] for row in rows) else 0
+    problems = [row["name"] for row in rows if row["problem"]]
+    if problems:
+        those = "plugin cannot" if len(problems) == 1 else "plugins cannot"
+        print(f"error: {len(problems)} {those} be used: {', '.join(problems)}", file=sys.stderr)
+        print(
+            "hint: 'ariac-score plugins doctor' says what is wrong with each, and what to do", file=sys.stderr
+        )
+    return EXIT_PLUGIN if unreadable or problems else 0
 
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
@@ -90,7 +97,7 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
         "problem": "",
     }
     try:
-        row["summary"] = (plugin.load().__doc__ or "").strip().partition("\n")[0]
+        row["summary"] = _summary(plugin.load())
         row["sha256"] = package_sha256(plugin.package)
     except PluginError as error:
         row["problem"] = f"BROKEN: {error.cause}"
@@ -99,6 +106,13 @@ def _row(registry: Any, plugin: Any) -> dict[str, str]:
     except PluginError as error:
         row["problem"] = f"CANNOT BE USED: {error.cause}"
     return row
+
+
+def _summary(kind: Any) -> str:
+    """The first line of what a class says about itself."""
+    words = (kind.__doc__ or "").strip().partition("\n")[0]
+    # A dataclass without a docstring is given its signature for one: `Bad(limit_m: float = 1.0)`.
+    return "(no description)" if not words or words.startswith(f"{kind.__name__}(") else words
 
 
 # show ----------------------------------------------------------------------------------

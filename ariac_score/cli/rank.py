@@ -115,15 +115,22 @@ def run(arguments: argparse.Namespace) -> int:
         evaluation_of(competition, rule_set, spec),
         stored,
     )
-    return exit_code(ranking)
+    return exit_code(ranking, listed=arguments.output_format == "text")
 
 
-def exit_code(ranking: Ranking) -> int:
-    """6 when a run is unsettled, or a team that is not disqualified has no rank; else 0."""
+def exit_code(ranking: Ranking, *, listed: bool) -> int:
+    """6 when a run is unsettled, or a team that is not disqualified has no rank; else 0.
+
+    Args:
+        ranking: Of all teams.
+        listed: Whether its unusual runs were shown; otherwise those that do not count are named here.
+    """
     final = ranking.stewarded.ranking if ranking.stewarded else ranking
     out = {standing.team for standing in final.standings if standing.disqualified}
     unsettled = [run for run in final.runs if run.outcome in _UNSETTLED and run.team not in out]
     if unsettled:
+        for run in () if listed else unsettled:
+            print(plain(f"{run.team}/{run.trial}_{run.number}: {run.reason}"), file=sys.stderr)
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )

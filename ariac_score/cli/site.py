@@ -119,7 +119,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
         file = Path(folder) / "ranking.json"
         write(text, file)
         _make(file, Path(folder), out, previous, sensitivity)
-    return exit_code(ranking)
+    return exit_code(ranking, listed=False)
 
 
 def site_of_ranking(arguments: argparse.Namespace) -> int:
@@ -146,7 +146,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             hint="give their folder with --results, or rank again with --results DIR",
         )
     _make(arguments.result, folder, out, previous, sensitivity)
-    return exit_code(publication.ranking)
+    return exit_code(publication.ranking, listed=False)
 
 
 def _out(arguments: argparse.Namespace) -> Path:

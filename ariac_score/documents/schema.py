@@ -103,7 +103,7 @@ def _description(fault: Any) -> tuple[Place, str, str]:
         return (
             path,
             f"{fault.instance!r} is not of type {fault.validator_value!r}",
-            f"give a {fault.validator_value}",
+            _of_type(fault),
         )
     hint = (
         fault.schema.get("description", "see the schema")
@@ -113,12 +113,26 @@ def _description(fault: Any) -> tuple[Place, str, str]:
     return path, fault.message, hint
 
 
+def _of_type(fault: Any) -> str:
+    """What to write where a value is of another type, in words of YAML."""
+    if fault.validator_value == "object":
+        first = next(iter(fault.schema.get("required", ())), "key")
+        return f"write keys with their values, such as '{first}: …'"
+    if fault.validator_value == "array":
+        return "give a list: [one, another]"
+    words = str(fault.validator_value)
+    return f"give {'an' if words == 'integer' else 'a'} {words}"
+
+
 def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
     """Check a document against a published schema.
 
     Raises:
         DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.
     """
+    if document.data is None:  # no text, or only comments
+        required = ", ".join(f"{key!r}" for key in schema(name).get("required", ()))
+        raise error("the file is empty", file=document.file, hint=f"write its keys: {required}")
     faults = schema_errors(document.data, name)
     if faults:
         path, cause, hint = faults[0]

@@ -35,7 +35,6 @@ from ariac_score.platforms.submission import (
     HASHES,
     PHASE,
     RULES,
-    check_configurations,
     hashes_text,
     load_phase,
     phase_text,
@@ -402,7 +401,7 @@ def _member_problems(folder: Path, name: str, key: str) -> Iterator[Problem]:
             yield Problem(name, what, _WRITE, severe=False)
         if key == "reference_data" and {PHASE, RULES} <= names:
             try:
-                check_configurations(load_phase(Path(inner)))
+                load_phase(Path(inner))
             except ScoreError as error:
                 place = str(error.file or inner).removeprefix(inner).lstrip("/")
                 yield Problem(f"{name}: {place}" if place else name, error.cause, error.hint)

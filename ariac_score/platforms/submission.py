@@ -42,7 +42,6 @@ __all__ = [
     "Phase",
     "PhaseDescription",
     "Scored",
-    "check_configurations",
     "hashes_text",
     "load_phase",
     "phase_text",
@@ -206,10 +205,12 @@ def load_phase(folder: Path) -> Phase:
     )
     # Each run would find the same fault, and it would look like one of the submission.
     prepare(setting.rule_set())
-    return Phase(description.phase, setting, trials, folder, ArchiveLimits())
+    phase = Phase(description.phase, setting, trials, folder, ArchiveLimits())
+    _check_configurations(phase)
+    return phase
 
 
-def check_configurations(phase: Phase) -> None:
+def _check_configurations(phase: Phase) -> None:
     """Check that the configurations of a phase can be read and fit its rules: they are part of every run.
 
     Raises:

@@ -93,10 +93,12 @@ def verify_result(
         registry: The installed plugins.
 
     Raises:
-        ResultError: The file is no JSON at all.
+        ResultError: The file is no JSON at all, or another kind of document.
+        NothingToScoreError: It is a folder.
         ScoreError: The log, the rules or the adjustments cannot be read.
     """
     text, data = _read(path)
+    _refuse_other_document(data, path)
     try:
         result = read_result(path)
     except ResultError as error:
@@ -123,7 +125,38 @@ def verify_result(
 # The result alone ----------------------------------------------------------------------
 
 
+_CHECKED_BY: Mapping[str, str] = {
+    "audit": "'ariac-score audit PATH' computes it again",
+    "cohort": "'ariac-score rank COMPETITION --cohort-output FILE' computes it again",
+    "outcome": "it says why a run has no result; 'ariac-score batch PATH -o OUT' tries the run again",
+    "ranking": "'ariac-score report RANKING -o FOLDER' checks it against the results it names, "
+    "'ariac-score rank COMPETITION' computes it again; verify its results one by one",
+}
+"""What checks the other kinds of documents, by the name of their format."""
+
+
+def _refuse_other_document(data: Any, path: Path) -> None:
+    """Refuse a document of ours that is no result: it is sound perhaps, but not for this command to say.
+
+    Raises:
+        ResultError: It is one.
+    """
+    tag = data.get("schema") if isinstance(data, dict) else None
+    kind = tag.removeprefix("ariac-score/").partition("/")[0] if isinstance(tag, str) else ""
+    if kind in _CHECKED_BY:
+        article = "an" if kind[0] in "ao" else "a"
+        raise ResultError(
+            f"it is the JSON of {article} {kind}, not of a result", file=path, hint=_CHECKED_BY[kind]
+        )
+
+
 def _read(path: Path) -> tuple[str, Any]:
+    if path.is_dir():
+        raise NothingToScoreError(
+            "it is a folder, not a result",
+            file=path,
+            hint="name the JSON file that 'score --output-format json' wrote",
+        )
     try:
         text = path.read_text(encoding="utf-8")
         return text, strict_json(text)

@@ -13,7 +13,10 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import websocket
+try:
+    import websocket
+except ModuleNotFoundError:
+    sys.exit("error: the library `websocket` is not installed\nhint: pip install websocket-client")
 
 NEGATIVE = ("false", "currently_false", "violation", "violated")
 

@@ -71,10 +71,10 @@ def test_a_worker_of_a_cluster_does_not_use_them_either(trials: Path, tmp_path: 
     (tmp_path / "ariac_score/__init__.py").write_text("raise RuntimeError('not this one')\n")
     code = (
         "import sys; sys.path.pop(0); from ariac_score import load_rule_set;"
-        " from ariac_score.batch.isolated import measure_apart;"
+        " from ariac_score.batch.isolated import measure_isolated;"
         " from ariac_score.batch.tasks import BatchSetting, Limits, RunTask;"
         f" setting = BatchSetting.of(load_rule_set({RULES!r}), Limits(memory_bytes=0));"
-        f" done = measure_apart(RunTask('', 'a', 1, {str(trials / 'a.jsonl')!r}), setting);"
+        f" done = measure_isolated(RunTask('', 'a', 1, {str(trials / 'a.jsonl')!r}), setting);"
         " print(b'task' in done.document)"
     )
 

@@ -344,7 +344,7 @@ def test_a_document_that_keeps_its_schema_has_no_faults() -> None:
             "did you mean 'zero'?",
         ),
         ({"title": 7}, ("title",), "7 is not of type 'string'", "give a string"),
-        ({"round": True}, ("round",), "True is not of type 'integer'", "give a integer"),
+        ({"round": True}, ("round",), "True is not of type 'integer'", "give an integer"),
         ({"parameters": {"w": "1"}}, ("parameters", "w"), "'1' is not of type 'number'", "give a number"),
         ({"parameters": {"w": True}}, ("parameters", "w"), "True is not of type 'number'", "give a number"),
         ({"round": 10}, ("round",), "10 is greater than the maximum of 9", "Decimal digits"),
@@ -460,3 +460,19 @@ def test_a_decimal_comma_is_refused_by_its_place(tmp_path: Path) -> None:
     )
     with pytest.raises(RuleSetError, match=r"line 5.*has no parameter 3"):
         load_rule_set(str(file)).build(Registry())
+
+
+@pytest.mark.parametrize("text", ["", "# only a comment\n", "~\n"])
+def test_a_file_that_says_nothing_is_called_empty(text: str) -> None:
+    with pytest.raises(RuleSetError) as refused:
+        validate(parsed(text), "ruleset", error=RuleSetError)
+
+    assert refused.value.cause == "the file is empty"
+    assert refused.value.hint.startswith("write its keys: 'id', 'title', 'source'")
+
+
+def test_a_list_where_keys_belong_is_told_what_to_write() -> None:
+    (_, cause, hint), *_ = schema_errors([1], "ruleset")
+
+    assert cause == "[1] is not of type 'object'"
+    assert hint == "write keys with their values, such as 'id: …'"

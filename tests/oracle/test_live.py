@@ -261,3 +261,21 @@ def test_a_recorded_run_that_was_judged_otherwise_is_told_apart(shared: Path, tm
     assert [(one.channel, one.theirs) for one in found.differences] == [
         ("/add_two_ints/request", "currently_false")
     ]
+
+
+def test_the_demonstration_says_what_to_install(tmp_path: Path) -> None:
+    (tmp_path / "websocket.py").write_text("raise ModuleNotFoundError('no websocket')\n", encoding="utf-8")
+    command = [sys.executable, str(ROOT / "examples/live/monitor.py"), "events.jsonl", "ws://127.0.0.1:1"]
+
+    done = subprocess.run(
+        command,
+        env={"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT_S,
+    )
+
+    assert done.returncode == 1
+    assert "pip install websocket-client" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -199,12 +199,21 @@ def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
 
 @pytest.mark.parametrize(
     "damage",
-    ["no phase", "no rules", "other schema", "rules that compare teams", "no log map", "no such plugin"],
+    [
+        "no phase",
+        "no rules",
+        "other schema",
+        "rules that compare teams",
+        "no log map",
+        "no such plugin",
+        "damaged configuration",
+    ],
 )
 def test_a_broken_scorer_is_a_failure_and_never_a_score(
     tmp_path: Path, damage: str, log_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    inputs = reference(tmp_path / "input", "kit")
+    config = "orders: [" if damage == "damaged configuration" else ""
+    inputs = reference(tmp_path / "input", "kit", config=config)
     (inputs / "res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
     phase = inputs / "ref/phase.json"
     if damage == "no phase":
@@ -221,7 +230,7 @@ def test_a_broken_scorer_is_a_failure_and_never_a_score(
         }[damage]
         assert old in rules.read_text(encoding="utf-8")
         rules.write_text(rules.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    else:
+    elif damage == "rules that compare teams":
         setting = BatchSetting.of(load_rule_set("ariac2024.official"), Limits())
         phase.write_text(phase_text("practice", setting, {"kit": ""}), encoding="utf-8")
         (inputs / "ref/ruleset.yaml").write_text(setting.rules, encoding="utf-8")

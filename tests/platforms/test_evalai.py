@@ -8,7 +8,7 @@ import math
 import sys
 import threading
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -18,8 +18,11 @@ import pytest
 import yaml
 
 from ariac_score import load_rule_set, score_trial
-from ariac_score.batch.tasks import BatchSetting, Limits
+from ariac_score.batch.outcomes import outcome_document
+from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
+from ariac_score.batch.worker import Done
 from ariac_score.cli import main
+from ariac_score.platforms import submission
 from ariac_score.platforms.evalai import (
     Api,
     ApiError,
@@ -211,6 +214,45 @@ def test_a_bad_submission_is_a_scored_outcome(platform: Platform, phase: Phase, 
     (row,) = json.loads(platform.taken[0]["result"])
     assert (row["accuracies"]["final"], row["accuracies"]["status_code"]) == (-1e6, 2)
     assert "kit_1.jsonl" in platform.taken[0]["stdout"]
+
+
+def test_a_run_that_the_scorer_failed_at_ends_as_failed_and_has_no_score(
+    platform: Platform, phase: Phase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(_: object, tasks: Iterable[RunTask], __: object) -> Iterator[Done]:
+        document = outcome_document("plugin_failed", "no such table", team="submission", trial="kit")
+        return (Done(task, "", "", "", document) for task in tasks)
+
+    monkeypatch.setattr(submission.LocalExecutor, "run", failing)
+    message(platform, b"{}")
+
+    assert worker(platform, phase, tmp_path)[0].once()
+
+    (answer,) = platform.taken
+    assert answer["submission_status"] == "FAILED"
+    assert "no such table" in answer["stderr"]
+    assert answer["result"] == "[]"
+
+
+def test_a_worker_with_a_fault_of_the_organiser_takes_no_submission(
+    platform: Platform, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = load_rule_set(RULES)
+    setting = BatchSetting.of(rules, Limits(60.0, 0))
+    place = tmp_path / "reference"
+    place.mkdir()
+    (place / "phase.json").write_text(phase_text("finals", setting, {"kit": ""}), encoding="utf-8")
+    other = setting.rules.replace("log_map: ariac2020", "log_map: ./ours.yaml")
+    (place / "ruleset.yaml").write_text(other, encoding="utf-8")
+    server = f"http://127.0.0.1:{platform.server_address[1]}"
+    settings = {"AUTH_TOKEN": "secret", "API_SERVER": server, "QUEUE_NAME": "q", "CHALLENGE_PK": "1"}
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+
+    assert main(["platform", "evalai", "worker", str(place), "--store", str(tmp_path / "s"), "--once"]) == 4
+
+    assert "ours.yaml" in capsys.readouterr().err
+    assert platform.requests == []
 
 
 @pytest.mark.parametrize("status", ["finished", "failed", "cancelled", "FINISHED"])

@@ -671,3 +671,17 @@ def test_what_is_for_a_competition_is_refused_for_a_trial(
     assert main(["report", str(file), "-o", str(tmp_path / "t.html"), option, "x"]) == 4
 
     assert f"{option} is for the site of a competition" in capsys.readouterr().err
+
+
+def test_runs_that_do_not_count_are_named_where_nothing_else_names_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ROOT / "examples/competition/2024", tmp_path / "day")
+    cut = next((tmp_path / "day/logs/aurora/kitting_1").iterdir())
+    cut.write_text("half a line", encoding="utf-8")
+
+    assert main(["report", str(tmp_path / "day"), "-o", str(tmp_path / "site")]) == 6
+
+    said = capsys.readouterr().err
+    assert "1 of 45 runs do not count; each is named above" in said
+    assert "aurora/kitting_1: " in said.split("1 of 45")[0]

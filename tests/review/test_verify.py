@@ -432,3 +432,33 @@ def test_only_provenance_and_declared_units_may_differ_with_the_same_findings(
     stored: Path, place: tuple[str | int, ...], record: bool
 ) -> None:
     assert _is_record(place, load_result(stored)) is record
+
+
+@pytest.mark.parametrize(
+    ("document", "kind", "command"),
+    [
+        ({"schema": "ariac-score/ranking/3"}, "ranking", "report"),
+        ({"schema": "ariac-score/cohort/1"}, "cohort", "rank COMPETITION"),
+        ({"schema": "ariac-score/audit/2"}, "audit", "audit PATH"),
+        ({"schema": "ariac-score/outcome/1"}, "outcome", "batch"),
+    ],
+)
+def test_another_document_of_ours_is_named_with_the_command_that_checks_it(
+    tmp_path: Path, document: dict[str, str], kind: str, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "document.json"
+    file.write_text(json.dumps(document), encoding="utf-8")
+
+    assert main(["verify", str(file)]) == 6
+
+    said = capsys.readouterr().err
+    assert f"it is the JSON of a{'n' if kind[0] in 'ao' else ''} {kind}, not of a result" in said
+    assert f"ariac-score {command}" in said.split("hint: ")[1]
+
+
+def test_a_folder_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(tmp_path)]) == 5
+
+    said = capsys.readouterr().err
+    assert "it is a folder, not a result" in said
+    assert "name the JSON file" in said

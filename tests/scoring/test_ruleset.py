@@ -182,7 +182,7 @@ def test_digits_default_to_6(written: Path) -> None:
             "{max_distance_m: 3 cm}",
             "line 10, $.rules.pose.with.max_distance_m",
             "parameter 'max_distance_m' of kitting.pose: '3 cm' is not a float",
-            "its default is 0.03",
+            "give a number in m, such as 0.03",
         ),
         (
             "delta_m: 2.6",
@@ -226,7 +226,7 @@ def test_digits_default_to_6(written: Path) -> None:
             "'heavy' is not of type 'number'",
             "",
         ),
-        ("round: 3", "round: 3.5", "line 23, $.round", "3.5 is not of type 'integer'", "give a integer"),
+        ("round: 3", "round: 3.5", "line 23, $.round", "3.5 is not of type 'integer'", "give an integer"),
         (
             "round: 3",
             "round: 10",

@@ -446,11 +446,11 @@ def test_a_monitor_whose_margins_fit_its_findings_keeps_the_contract() -> None:
 
 def test_a_monitor_whose_margins_do_not_fit_is_refused(subtests: pytest.Subtests) -> None:
     cases: list[tuple[Any, str]] = [
-        (Telling(off_m_s=0.001), "but the least margin it tells there is"),
-        (Telling(off_m_s=-0.001), "but the least margin it tells there is"),
-        (Telling(unit="m"), "but the least margin it tells there is None m"),
+        (Telling(off_m_s=0.001), "but the least margin it gives there is"),
+        (Telling(off_m_s=-0.001), "but the least margin it gives there is"),
+        (Telling(unit="m"), "but the least margin it gives there is None m"),
         (Telling(late_s=0.003), "where there is no sample"),
-        (Telling(forgets=True, calls=[]), "tells other margins when asked again"),
+        (Telling(forgets=True, calls=[]), "gives other margins the second time"),
     ]
     for monitor, words in cases:
         with subtests.test(words=words), pytest.raises(ContractError, match=words):

@@ -193,9 +193,29 @@ def test_a_broken_plugin_is_in_the_list_and_stops_no_other(
 
     assert main(["plugins", "list"]) == 3
 
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
     assert "BROKEN: plugin odd.rule (odd-rules 6.6) cannot be imported: RuntimeError: no licence" in out
     assert "kitting.pose" in out
+    assert err.splitlines() == [
+        "error: 1 plugin cannot be used: odd.rule",
+        "hint: 'ariac-score plugins doctor' says what is wrong with each, and what to do",
+    ]
+
+
+def test_the_signature_of_a_dataclass_is_no_description(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = (
+        "from dataclasses import dataclass\n"
+        "@dataclass(frozen=True)\nclass Rule:\n    limit_m: float = 1.0\n"
+        "    def judge(self, trial, order): ...\n"
+    )
+    install("odd-rules", {"odd.rule": "Rule"}, source=source, version="6.6")
+
+    assert main(["plugins", "list"]) == 0
+
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "odd.rule" in line]
+    assert line.endswith("(no description)")
 
 
 def test_the_page_of_a_plugin_begins_with_who_brought_it(capsys: pytest.CaptureFixture[str]) -> None:
