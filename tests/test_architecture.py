@@ -57,7 +57,7 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "review": {"msgspec", "numpy", "rosbags"},
     "batch": {"distributed", "fsspec", "msgspec", "numpy", "pyarrow", "ray"},
     "report": {"jinja2", "markupsafe", "msgspec"},
-    "platforms": {"yaml"},
+    "platforms": {"msgspec", "yaml"},
     "cli": {"rich"},
 }
 

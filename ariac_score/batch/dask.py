@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import distributed
 
-from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
+from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
 from ariac_score.batch.tasks import BatchSetting, RunTask
@@ -109,8 +109,14 @@ class DaskExecutor:
 
     def _submit(self, task: RunTask, setting: BatchSetting) -> Any:
         earlier = earlier_document(task, self.out)
+        # Not pure: Dask would give the outcome of the first attempt again.
         return self.client.submit(
-            measure_apart, absolute(task), setting, earlier, pure=False, retries=KILLED_FROM_OUTSIDE_ATTEMPTS
+            measure_isolated,
+            absolute(task),
+            setting,
+            earlier,
+            pure=False,
+            retries=KILLED_FROM_OUTSIDE_ATTEMPTS,
         )
 
     def _result(self, future: Any, task: RunTask, patience: Patience) -> Done | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
-from ariac_score.checks.registry import Registry
+from ariac_score.checks.registry import Registry, unreadable_hint
 from ariac_score.errors import PluginError, UsageError, did_you_mean
 
 __all__ = ["GROUP", "executor_names", "local_executor", "make_executor"]
@@ -35,7 +35,8 @@ def make_executor(name: str, *, jobs: int, scheduler: str, out: Path, work: Path
     registry = Registry()
     if name not in registry.names(GROUP):
         raise UsageError(
-            f"there is no executor {name!r}", hint=did_you_mean(name, registry.names(GROUP), what="installed")
+            f"there is no executor {name!r}",
+            hint=did_you_mean(name, registry.names(GROUP), what="installed") + unreadable_hint(),
         )
     try:
         make = registry.find(GROUP, name).load()

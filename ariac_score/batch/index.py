@@ -20,7 +20,7 @@ from ariac_score.batch.outcomes import CheckCounts, Summary, summary_of
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
 from ariac_score.errors import BatchError
-from ariac_score.results.codec import plain
+from ariac_score.results.codec import encodable, plain
 from ariac_score.results.result_file import RESULT
 
 __all__ = [
@@ -55,6 +55,8 @@ _LITTLE_MEMORY = "PRAGMA cache_size = -256"
 """KiB of a file that SQLite caches; the operating system caches it anyway."""
 _AT_A_TIME = 256
 """Rows that are written in one call of SQLite."""
+_LARGEST_RUN = (1 << 63) - 1
+"""Larger integers have no place in a table of SQLite."""
 _BLOCK = 1 << 16
 _CURRENT = f'"schema": "{RESULT.tag}"'.encode()
 
@@ -122,11 +124,20 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             ValueError: It is not one.
         """
-        # Not decoded by msgspec at once: a name of a file may hold half a surrogate pair.
+        # Not decoded by msgspec at once: it refuses half a surrogate pair, which a line may hold.
         try:
-            return msgspec.convert(json.loads(line), cls)
-        except msgspec.ValidationError as cause:
+            row = msgspec.convert(json.loads(line), cls)
+        except (msgspec.ValidationError, RecursionError) as cause:
             raise ValueError(f"no row: {cause}") from None
+        if abs(row.run) > _LARGEST_RUN or not all(
+            map(_in_utf_8, (row.team, row.trial, row.object, row.sha256))
+        ):
+            raise ValueError("no row: its names or its number have no place in a table")
+        return row
+
+
+def _in_utf_8(name: str) -> bool:
+    return name.isascii() or encodable(name) == name
 
 
 class Written(NamedTuple):
@@ -167,6 +178,7 @@ class Rows:
         self._looked_up: tuple[TaskKey, Written | None] | None = None
         self._added: list[tuple[str, str, int, str]] = []
         self._connection = sqlite3.connect(work / "rows.sqlite")
+        # Neither journal nor sync: the file is for this call alone.
         self._connection.execute("PRAGMA journal_mode = OFF")
         self._connection.execute("PRAGMA synchronous = OFF")
         self._connection.execute(_LITTLE_MEMORY)
@@ -386,6 +398,7 @@ def _same(first: Path, second: Path) -> bool:
 def _write_index(file: Path, lines: Iterator[str]) -> None:
     connection = sqlite3.connect(file)
     try:
+        # Neither journal nor sync: an index that is not finished is thrown away with its folder.
         connection.execute("PRAGMA journal_mode = OFF")
         connection.execute("PRAGMA synchronous = OFF")
         connection.execute(_LITTLE_MEMORY)

@@ -24,7 +24,7 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 
-__all__ = ["absolute", "earlier_document", "measure_apart"]
+__all__ = ["absolute", "earlier_document", "measure_isolated"]
 
 _READY = b"ready\n"
 _LARGEST_SENT_BYTES = 4 << 20
@@ -58,7 +58,7 @@ class _Job:
         return msgspec.convert(json.loads(line), cls)
 
 
-def measure_apart(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
+def measure_isolated(task: RunTask, setting: BatchSetting, earlier: bytes = b"") -> Done:
     """Score one run in a fresh process on this machine.
 
     Args:
@@ -109,6 +109,14 @@ def _absolute(name: str) -> str:
     return name if "://" in name else str(Path(name).absolute())
 
 
+# Not `python -m`, which looks for modules in the working directory first: a worker of a cluster may be
+# started in a checkout whose package is installed elsewhere.
+_START = (
+    "import sys; sys.path[:] = sys.argv[1:]; import runpy;"
+    " runpy.run_module('ariac_score.batch.isolated', run_name='__main__')"
+)
+
+
 class _Keeper:
     """The keeper of this worker process, started with the first job, and again when it died."""
 
@@ -131,8 +139,8 @@ class _Keeper:
 
     def _succeeds(self, line: bytes) -> bool:
         if self._process is None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "ariac_score.batch.isolated"],
+            self._process = subprocess.Popen(  # noqa: S603  # the path of this process, nothing of a stranger's
+                [sys.executable, "-c", _START, *sys.path],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

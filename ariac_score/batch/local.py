@@ -8,10 +8,11 @@ import multiprocessing
 import os
 import shutil
 import signal
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import forkserver
 from multiprocessing.connection import wait
@@ -31,11 +32,13 @@ from ariac_score.batch.worker import (
     parse_report,
     perform_into,
 )
+from ariac_score.errors import BatchError
 
 __all__ = [
     "AND_AGAIN",
     "KILLED_FROM_OUTSIDE_ATTEMPTS",
     "OWN_FAULT_ATTEMPTS",
+    "SAFE_PATH",
     "SETTING_VARIABLE",
     "LocalExecutor",
     "begin_server",
@@ -70,6 +73,10 @@ _KILLED_S = 10.0
 """How long a process may take to be gone once it is killed."""
 SETTING_VARIABLE = "ARIAC_SCORE_BATCH_SETTING"
 """Environment variable that names the file of the setting for which the fork server prepares."""
+SAFE_PATH = ("PYTHONSAFEPATH", "of the fork server alone")
+"""Environment variable of Python 3.11 and later, and a value that no user gives it."""
+_OWN_FOLDER = Path(__file__).resolve().parents[2]
+"""The folder from which this process has imported the package."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +164,7 @@ class LocalExecutor:
                     if following is None:
                         break
                     running.append(self._start(context, *following, setting))
-                if not running and at_last:
+                if not running and at_last:  # one at a time, with all the memory for itself
                     running.append(self._start(context, *at_last.popleft(), setting))
                 if not running:
                     return
@@ -244,7 +251,7 @@ def died(task: RunTask, code: int | None, attempts: int) -> Done:
 
 
 def lost(task: RunTask, outcome: str, reason: str) -> Done:
-    """An outcome that nobody could measure."""
+    """An outcome without a measurement."""
     document = outcome_document(outcome, reason, team=task.team, trial=task.trial)
     return Done(task, "", "", "", document)
 
@@ -255,14 +262,23 @@ def _first(tasks: Iterator[RunTask]) -> tuple[RunTask, _Deaths] | None:
 
 
 def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...]) -> BaseProcess:
-    """A new process. Where the fork server is just being killed, the next attempt starts another one."""
+    """A new process. Where the fork server is just being killed, the next attempt starts another one.
+
+    Raises:
+        BatchError: None can be started.
+    """
     for attempt in range(1, _START_ATTEMPTS + 1):
+        # As a daemon it is ended with this process.
         process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
         try:
-            process.start()
-        except (OSError, EOFError):
+            with _only_code_of_this_process():
+                process.start()
+        except (OSError, EOFError) as cause:
             if attempt == _START_ATTEMPTS:
-                raise
+                raise BatchError(
+                    f"no process can be started that scores a run: {type(cause).__name__}: {cause}",
+                    hint="what their server printed stands above; try 'ariac-score plugins doctor'",
+                ) from cause
             time.sleep(0.1)
         else:
             return process
@@ -278,7 +294,7 @@ def stop(process: BaseProcess) -> None:
 
 def fresh_processes(work: Path, setting: BatchSetting) -> Any:
     """A context for processes that inherit nothing of this one; their server has imported everything."""
-    limit_threads()
+    limit_threads()  # before the server starts, which inherits the environment
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     file, text = work / "setting.json", json.dumps(asdict(setting))
@@ -286,14 +302,45 @@ def fresh_processes(work: Path, setting: BatchSetting) -> Any:
         file.write_text(text, encoding="ascii")
     os.environ[SETTING_VARIABLE] = str(file.absolute())
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["ariac_score.batch.preload"])
+    # Python 3.10 cannot keep its server from importing what lies in the working directory. There each
+    # process imports everything itself, after `multiprocessing` has given it the path of this one.
+    shadowed = sys.version_info < (3, 11) and _foreign_folder() and Path("ariac_score").exists()
+    context.set_forkserver_preload([] if shadowed else ["ariac_score.batch.preload"])
     return context
+
+
+def _foreign_folder() -> bool:
+    """Whether the working directory is another one than that from which the package was imported."""
+    try:
+        return Path.cwd() != _OWN_FOLDER
+    except OSError:  # it was removed
+        return False
+
+
+@contextmanager
+def _only_code_of_this_process() -> Iterator[None]:
+    """Keep a fork server that is started here from importing what lies in the working directory.
+
+    It is started with `python -c`, which looks there first: in a checkout it would find sources that are
+    not installed, and among the files of strangers whatever is named like a module. `preload` removes the
+    variable again, for programs that a plugin starts.
+    """
+    name, value = SAFE_PATH
+    if name in os.environ or not _foreign_folder():
+        yield
+        return
+    os.environ[name] = value
+    try:
+        yield
+    finally:
+        del os.environ[name]
 
 
 def begin_server(context: Any) -> None:
     """Have the fork server, if there is one, import everything while the caller goes on."""
     if context.get_start_method() == "forkserver":
-        forkserver.ensure_running()
+        with _only_code_of_this_process():
+            forkserver.ensure_running()
 
 
 def usable_cores() -> int:

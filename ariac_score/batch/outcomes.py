@@ -44,7 +44,7 @@ OUTCOMES: Mapping[str, str] = {
     "nothing_to_score": "no reader knows what lies there",
     "no_value": "a formula has no value for it",
     "plugin_failed": "a plugin misbehaved",
-    "refused": "it cannot be told apart from another run",
+    "refused": "it cannot be distinguished from another run",
     "timed_out": "it took longer than a run may",
     "out_of_memory": "it needed more memory than a run may",
     "too_large": "its files, or its result, are larger than those of one run may be",

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import ray
 
-from ariac_score.batch.isolated import absolute, earlier_document, measure_apart
+from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
 from ariac_score.batch.tasks import BatchSetting, RunTask
@@ -46,7 +46,7 @@ class RayExecutor:
     """
 
     out: Path | None = None
-    measure: Callable[[RunTask, BatchSetting, bytes], Done] = measure_apart
+    measure: Callable[[RunTask, BatchSetting, bytes], Done] = measure_isolated
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -54,6 +54,7 @@ class RayExecutor:
         Raises:
             BatchError: No worker can work, or none has been there for minutes.
         """
+        # An OSError is a fault of the worker's machine, see `measure_isolated`; another one may do better.
         measure = ray.remote(
             max_retries=KILLED_FROM_OUTSIDE_ATTEMPTS, retry_exceptions=[OSError], num_cpus=1
         )(self.measure)

@@ -303,7 +303,7 @@ class Storage:
 
         def request() -> bool:
             with self._system.open(file.path, "rb", size=file.size, cache_type="none") as parts:
-                parts.seek(1)
+                parts.seek(1)  # the first byte would come from any server
                 return len(parts.read(1)) == 1
 
         try:
@@ -410,6 +410,7 @@ def _opened(uri: str) -> tuple[Any, str]:
             "reading a URI needs fsspec", file=shown(uri), hint="pip install 'ariac-score[remote]'"
         ) from cause
     try:
+        # A cached listing would hide changes between planning, fetching and the comparison afterwards.
         system, path = fsspec.core.url_to_fs(uri, use_listings_cache=False)
     except ImportError as cause:
         raise UsageError(

@@ -60,6 +60,7 @@ class Store:
 
     def name_of(self, address: str, rules_sha256: str) -> str:
         """The name of that file within the folder, as tables have it."""
+        # Part of the hash is enough: the folder of a measurement holds a handful of rule sets.
         return f"{_OBJECTS}/{address[:2]}/{address}/{rules_sha256[:16]}.json"
 
     def read(self, name: str) -> bytes:
@@ -85,7 +86,7 @@ class Store:
         Raises:
             OSError: The disk is full, or the folder cannot be written.
         """
-        try:
+        try:  # in the same folder, for a file can be renamed within one file system only
             handle, name = tempfile.mkstemp(dir=place.parent, prefix=_PART)
         except FileNotFoundError:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -118,7 +119,7 @@ class Store:
                 hint="name a folder you may write in with -o",
             ) from cause
         try:
-            try:
+            try:  # a lock of the system ends with its process, also after `kill -9`
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise UsageError(

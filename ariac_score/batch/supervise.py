@@ -47,7 +47,7 @@ class Executor(Protocol):
     """
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
-        """Score tasks and give what came of each exactly once, in any order."""
+        """Score tasks, and yield the outcome of each exactly once, in any order."""
         ...
 
 
@@ -59,8 +59,8 @@ class Report:
         outcomes: How many runs have which outcome, those of earlier calls included.
         scored_now: How many were looked at in this call.
         cpu_s: What their processes took of the processor, s.
-        contradictions: Rows of the tables that said something else than their documents, and were
-            made again; an index that did so counts as one.
+        contradictions: Rows of the tables that contradicted their documents, and were made again; an
+            index that did so counts as one.
     """
 
     outcomes: Mapping[str, int]
@@ -256,7 +256,7 @@ class _Call:
     def _stored(self, task: RunTask) -> Written | Measurement | None:
         """The row of a run that is scored already, or what of it is measured under other prices.
 
-        `None` when it is neither, or nobody can tell without reading its files.
+        `None` when it is neither, or when only its files could tell.
         """
         signature = signature_of(task)
         contents = self.hashes.contents(signature) if signature else ""
@@ -280,7 +280,7 @@ class _Call:
         return replace(done, address=measuring_address(done.task, done.contents, self.basis))
 
     def _stored_row(self, done: Done) -> Row:
-        """The row of what came of a task, its document stored."""
+        """Store the document of an outcome; its row."""
         key = done.task.key
         if not done.address and done.document is not None:
             return Row.of(key, summary_of(done.document))
@@ -291,6 +291,7 @@ class _Call:
         return Row.kept(key, done.document, name)
 
 
+# Another machine, or more time and memory, may do better; the other outcomes follow from the files.
 _WORTH_ANOTHER_TRY = frozenset({"timed_out", "out_of_memory", "killed", "too_large", "failed"})
 
 
@@ -339,7 +340,7 @@ def _finish(store: Store, hashes: HashCache) -> None:
 
 
 def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool) -> Written | None:
-    """The row of a stored document; `None` when there is none, or one that nobody should believe."""
+    """The row of a stored document; `None` when there is none, or it cannot be trusted."""
     try:
         document = store.read(name)
         row = rows.earlier(key)
@@ -354,7 +355,7 @@ def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool)
 
 
 def _contradicted(earlier: Written | None, found: Written) -> bool:
-    """Whether a table said of a document what it does not say."""
+    """Whether a row of the tables contradicted its document."""
     return (
         earlier is not None
         and earlier is not found
@@ -366,6 +367,7 @@ def _contradicted(earlier: Written | None, found: Written) -> bool:
 def _describe(store: Store, description: BatchDescription, setting: BatchSetting) -> None:
     """Write by which rules and code, and for what, before anything else."""
     rules, before = store.root / RULES, store.root / _BEFORE
+    # Only once until a batch ends: most of what is stored was measured by the first of several rules.
     if rules.is_file() and not before.exists() and rules.read_bytes() != setting.rules.encode("utf-8"):
         store.put(before, rules.read_bytes())
     for name, text in ((DESCRIPTION, description.text()), (RULES, setting.rules)):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ariac_score.errors import NothingToScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, load_competition
+from ariac_score.results.codec import encodable
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, rule_set_from_text
 
 __all__ = ["BatchPlan", "BatchSetting", "Limits", "RunTask", "TaskKey", "of_shard", "plan_batch", "shard"]
@@ -166,9 +167,8 @@ def plan_batch(path: Path, rules: str = "") -> BatchPlan:
         names = sorted(entry.name for entry in listed if not entry.name.startswith("."))
     if not names:
         raise NothingToScoreError("the folder is empty", file=path, hint="every entry in it is one trial")
-    return BatchPlan(
-        path.resolve().name, rules, tuple(RunTask("", name, 1, str(path / name)) for name in names)
-    )
+    tasks = (RunTask("", name, 1, str(path / name)) for name in names)
+    return BatchPlan(path.resolve().name, rules, tuple(map(_storable, tasks)))
 
 
 def _of_competition(competition: Competition) -> BatchPlan:
@@ -189,10 +189,18 @@ def _of_competition(competition: Competition) -> BatchPlan:
     return BatchPlan(
         competition.id,
         competition.rules,
-        tuple(sorted(tasks, key=lambda task: task.key)),
+        tuple(sorted(map(_storable, tasks), key=lambda task: task.key)),
         competition,
         competition.strangers,
     )
+
+
+def _storable(task: RunTask) -> RunTask:
+    """The task; refused where its name is no UTF-8, for neither documents nor tables can hold that."""
+    team, trial = encodable([task.team, task.trial])
+    if (team, trial) == (task.team, task.trial):
+        return task
+    return RunTask(team, trial, task.number, "", task.root, refused="its name is no UTF-8; rename it")
 
 
 def shard(text: str) -> tuple[int, int]:

@@ -127,7 +127,7 @@ def _perform_local(
         hashed: As in `perform`.
         changing: Its files change while they are read, because only parts were fetched so far.
     """
-    before = signature_of(task)
+    before = signature_of(task)  # before anything is read: a change at any time from here on is noticed
     try:
         refuse_excess(task, setting.limits.input_bytes)
     except RunTooLargeError as error:
@@ -176,6 +176,7 @@ def _perform_remote(
     with reading(fetched.parts):
         done = _perform_local(fetched.task, setting, out, _forget, changing=bool(fetched.parts))
         done = replace(done, task=task, signature=fetched.signature)
+    # To a reader, a part that cannot be fetched is a damaged file; the reason is in `failure`.
     failures = [file.failure for file in fetched.parts if file.failure is not None]
     if failures:
         return _unreachable(task, failures[0])
@@ -306,7 +307,11 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
     except MemoryError:
         short = True  # the traceback, which holds the memory, is released when this block is left
     except OSError as error:
-        os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)
+        os._exit(NO_ROOM if error.errno in _NO_ROOM else 1)  # without a report, it is tried again
+    except Exception as error:  # noqa: BLE001  # its traceback is discarded, so the cause goes into the report
+        reason = f"{type(error).__name__}: {error}"
+        _write_report(Done(task, "", *noted(report), _because(task, "failed", reason)), report)
+        short = False
     else:
         short = False
     if short:
@@ -417,11 +422,12 @@ def parse_report(task: RunTask, report: bytes) -> Done:
 
 def _set_limits(limits: Limits, largest_bytes: int) -> None:
     """Bind this process to its limits, 0 for none yet; nothing it starts can lift them."""
-    bounds = {resource.RLIMIT_CORE: 0}
+    bounds = {resource.RLIMIT_CORE: 0}  # the dumps of a season's crashes would fill the disk
     if largest_bytes:
         # A report has a line more than its document, which `_perform_local` holds to the limit.
         bounds[resource.RLIMIT_FSIZE] = largest_bytes + (1 << 20)
     if limits.memory_bytes:
+        # Address space, because Linux does not enforce a limit of resident memory.
         bounds[resource.RLIMIT_AS] = limits.memory_bytes
     for kind, bound in bounds.items():
         _, hard = resource.getrlimit(kind)

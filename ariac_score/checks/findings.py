@@ -153,10 +153,12 @@ class Finding:
     units: Mapping[str, str] = field(default_factory=lambda: _NO_WORDS)
 
     def __post_init__(self) -> None:
+        # The word "violated" equals the verdict, but verdicts are compared with `is`.
         if not isinstance(self.verdict, Verdict):
             raise TypeError(f"verdict {self.verdict!r} is not one of Verdict")
         if not isinstance(self.subject, str):
             raise TypeError(f"subject {self.subject!r} is not text")
+        # Checked here and not when the result is written, so that the plugin can still be named.
         for sample in self.evidence:
             if not all(math.isfinite(v) for v in _components(sample.value)):
                 raise ValueError(f"evidence {sample.signal!r} is {sample.value!r}")

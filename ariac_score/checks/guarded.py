@@ -57,6 +57,7 @@ class GuardedReader:
         Raises:
             PluginError: It raised, which `can_read` never may.
         """
+        # Unlike in `read`, an error for users is a fault too: every reader gets every file to look at.
         try:
             with quiet(self.plugin.origin):
                 return bool(self.reader.can_read(path))

@@ -12,10 +12,10 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
@@ -31,7 +31,15 @@ from ariac_score.errors import (
     did_you_mean,
 )
 
-__all__ = ["Plugin", "Registry", "origin_of", "package_sha256"]
+__all__ = [
+    "Plugin",
+    "Registry",
+    "UnreadableDistribution",
+    "origin_of",
+    "package_sha256",
+    "unreadable_distributions",
+    "unreadable_hint",
+]
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,33 @@ class Plugin:
             PluginError: The plugin does not keep its contract.
         """
         kind = self.load()
+        values = self._typed(kind, parameters, place)
+        self._refuse_by_position(kind)  # first: it names the argument, as the TypeError of the call does not
+        try:
+            with quiet(self.origin, deep=True):
+                plugin = kind(**values)
+        except ValueError as cause:  # what `__post_init__` raises for a number that makes no sense
+            raise RuleSetError(
+                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
+            ) from None
+        except (Exception, SystemExit) as cause:
+            raise PluginError(
+                f"cannot be built: {type(cause).__name__}: {cause}",
+                origin=self.origin,
+                hint="parameters must be keyword arguments with a default or a value in the rule set",
+            ) from cause
+        from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
+
+        if not isinstance(plugin, GROUPS[self.group]):
+            raise PluginError(
+                f"does not keep the contract of a {GROUPS[self.group].__name__}",
+                origin=self.origin,
+                hint="see ariac_score.checks.contracts for the methods it must have",
+            )
+        return plugin
+
+    def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
+        """The parameters with the types that the plugin declares."""
         try:
             fields = parameters_of(kind)
         except (NameError, TypeError, AttributeError) as cause:
@@ -114,29 +149,7 @@ class Plugin:
                     place=place(name),
                     hint=_remedy(value, fields[name]),
                 ) from None
-        self._refuse_by_position(kind)
-        try:
-            with quiet(self.origin, deep=True):
-                plugin = kind(**values)
-        except ValueError as cause:
-            raise RuleSetError(
-                f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
-            ) from None
-        except (Exception, SystemExit) as cause:
-            raise PluginError(
-                f"cannot be built: {type(cause).__name__}: {cause}",
-                origin=self.origin,
-                hint="parameters must be keyword arguments with a default or a value in the rule set",
-            ) from cause
-        from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
-
-        if not isinstance(plugin, GROUPS[self.group]):
-            raise PluginError(
-                f"does not keep the contract of a {GROUPS[self.group].__name__}",
-                origin=self.origin,
-                hint="see ariac_score.checks.contracts for the methods it must have",
-            )
-        return plugin
+        return values
 
     def _refuse_by_position(self, kind: Any) -> None:
         problem = not_by_name(kind)
@@ -146,6 +159,26 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             )
+
+
+@dataclass(frozen=True)
+class UnreadableDistribution:
+    """An installed distribution whose entry points cannot be read, so that none of them is used.
+
+    Attributes:
+        distribution: Its name.
+        version: Its version.
+        reason: What is wrong with its entry points.
+    """
+
+    distribution: str
+    version: str
+    reason: str
+
+    @property
+    def origin(self) -> str:
+        """Words for messages: name, version."""
+        return f"{self.distribution} {self.version}"
 
 
 def not_by_name(kind: Any) -> str:
@@ -242,6 +275,7 @@ def _as_type(value: Any, wanted: Any) -> Any:
         return MappingProxyType(
             {_as_type(key, get_args(wanted)[0]): _as_type(v, get_args(wanted)[1]) for key, v in value.items()}
         )
+    # YAML writes 1 for 1.0; `true` is an int to Python, but no number to a person.
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
             raise ValueError(f"{value!r} is not finite")
@@ -302,6 +336,7 @@ class Registry:
             hint = did_you_mean(name, self.names(group), what="installed")
             if elsewhere:
                 hint = f"it is a plugin of {elsewhere[0]}, not of {group}"
+            hint += unreadable_hint()
             raise PluginNotFoundError(
                 f"no installed distribution provides {name!r} ({group})",
                 hint=f"{hint}; otherwise install the distribution that brings it",
@@ -317,20 +352,54 @@ class Registry:
 
 def _installed() -> Iterator[Plugin]:
     """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
-    everything = entry_points()
-    points = [
-        p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
-    ]
+    try:
+        everything = entry_points()
+        points = [
+            p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
+        ]
+    except Exception:  # noqa: BLE001  # one malformed entry_points.txt, of anybody, stops importlib
+        points = [p for _, found, _ in _each_distribution() for p in found if p.group.startswith(OURS)]
     origins = cache(origin_of)  # one distribution has many entry points, and reading its metadata takes time
     found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
     yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
+
+
+def unreadable_distributions() -> list[UnreadableDistribution]:
+    """The installed distributions whose entry points cannot be read, sorted."""
+    found = [
+        UnreadableDistribution(*origin_of(one), f"its entry points cannot be read: {problem}")
+        for one, _, problem in _each_distribution()
+        if problem
+    ]
+    return sorted(found, key=lambda one: (one.distribution, one.version))
+
+
+def unreadable_hint() -> str:
+    """The end of a hint about a missing name: it may be in a distribution that cannot be read."""
+    words = "; ".join(f"{one.origin}: {one.reason}" for one in unreadable_distributions())
+    return f"; {words}" if words else ""
+
+
+def _each_distribution() -> Iterator[tuple[Distribution, Sequence[EntryPoint], str]]:
+    """Each installed distribution with its entry points, or with the reason why they cannot be read."""
+    seen = set()
+    for one in distributions():
+        name, _ = origin_of(one)
+        if name in seen and name != "?":  # as for imports, the first one on `sys.path` counts
+            continue
+        seen.add(name)
+        try:
+            yield one, tuple(one.entry_points), ""
+        except Exception as cause:  # noqa: BLE001  # a stranger's text may break the parser in any way
+            yield one, (), f"{type(cause).__name__}: {cause}"
 
 
 def origin_of(distribution: Distribution | None) -> tuple[str, str]:
     """Normalised name and version of a distribution; `?` where its metadata lack them."""
     try:
         metadata = distribution.metadata if distribution else None
-    except (TypeError, FileNotFoundError):  # what Python makes of missing metadata depends on its version
+    # What Python makes of missing metadata depends on its version; a ValueError: they are not UTF-8.
+    except (TypeError, FileNotFoundError, ValueError):
         metadata = None
     if metadata is None:
         return "?", "?"
@@ -353,7 +422,10 @@ def package_sha256(package: str) -> str:
     Raises:
         PluginError: The package cannot be found on disk.
     """
-    spec = find_spec(package)
+    try:
+        spec = find_spec(package)
+    except (ImportError, ValueError):  # for an empty name, and for a module that hides where it is from
+        spec = None
     roots = list(spec.submodule_search_locations or ()) if spec else []
     if spec is not None and not roots and spec.origin:
         files = [Path(spec.origin)]

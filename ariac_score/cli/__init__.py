@@ -32,29 +32,29 @@ EXIT_INTERNAL = 3
 EXIT_USAGE = 4
 
 _COMMANDS = {
-    "check": "can this log be scored, and what is missing?",
+    "check": "check whether a log can be scored, and what is missing",
     "score": "score a trial",
-    "info": "what a log holds, and which monitors it could decide",
+    "info": "show the contents of a log, and which checks it could decide",
     "explain": "follow any number of a result back to its samples",
-    "report": "a result as a page to look at, print and share",
+    "report": "make a page of a result, or the site of a competition",
     "price": "price a stored result under other rules, without its log",
     "adjust": "apply decisions of stewards on top of a result",
-    "verify": "does a stored result hold, alone and against its log?",
-    "export": "a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
-    "annotate": "what a result says about its log, as a recording to open beside it",
-    "audit": "hold the official score against the log, item by item",
+    "verify": "check a stored result, alone or against its log",
+    "export": "write a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
+    "annotate": "write the findings of a result as a recording to open with its log",
+    "audit": "compare the official score with the log, item by item",
     "rank": "rank the teams of a competition",
     "batch": "score many trials, each in a process of its own; call again to go on",
     "merge": "join the shards of a batch",
-    "sign": "vouch for results with a key; the signature lies beside each",
+    "sign": "sign results with a key",
     "platform": "host a competition on Codabench or EvalAI",
-    "sensitivity": "vary every parameter and say whether score or ranks would change",
+    "sensitivity": "vary every parameter and show whether score or ranks would change",
     "rules": "list, show, validate, compare and test rule sets",
-    "plugins": "list, show, check and mend installed plugins",
-    "new": "begin a plugin: a complete distribution with code, rule set and tests",
+    "plugins": "list, show and check installed plugins",
+    "new": "start a plugin: a complete distribution with code, rule set and tests",
     "oracle": "answer running monitors of ROSMonitoring, event by event",
 }
-"""What `--help` says of each command: the module of a command is imported only to run it."""
+"""The line about each command in `--help`: the module of a command is imported only to run it."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -68,7 +68,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Prints the version, which only then is looked up."""
+    """Prints the version, which is looked up only then."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> NoReturn:
         from importlib.metadata import version  # noqa: PLC0415  # takes as long to load as all of this
@@ -78,7 +78,7 @@ class _Version(argparse.Action):
 
 
 def _parser(name: str) -> argparse.ArgumentParser:
-    """The parser of one command, or of a line about each where the command line names none of them."""
+    """The parser of one command, or one with a line about each where the command line names none."""
     parser = _Parser(
         prog="ariac-score",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
@@ -98,7 +98,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
 
 
 def _add_brought(name: str, commands: Any) -> None:
-    """Add the commands that plugins bring: the one that is wanted, of the others a line for the help."""
+    """Add the commands of plugins: the one that is called, and a line about each of the others."""
     from ariac_score.cli.brought import (  # noqa: PLC0415  # our own commands need none of it
         brought_commands,
         register_brought,
@@ -114,24 +114,24 @@ def _add_brought(name: str, commands: Any) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    # Nothing here multiplies matrices large enough to be worth the threads that numpy would start, which
-    # wait for work by spinning.
+    # No matrix here is large enough for the threads that numpy would start, and these wait by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    words, author = sys.argv[1:] if argv is None else argv, ""
+    given, author = sys.argv[1:] if argv is None else argv, ""
     try:
-        arguments = _parser(words[0] if words else "").parse_args(words)
+        arguments = _parser(given[0] if given else "").parse_args(given)
         author = getattr(arguments, "author", "")
         code: int = arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        print("interrupted; nothing was written", file=sys.stderr)
+        print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has gone, as with `| head`: not an error of ours.
+        # The reader of the output has gone, as with `| head`, which is no error. Python would still report
+        # one when it flushes at exit, unless the output goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        # Reading has errors of its own; what is left is that the output cannot be written.
+        # Readers raise errors of their own, so it is the output that cannot be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         print(f"error: the output cannot be written: {error.strerror}", file=sys.stderr)
         print("hint: check the disk, or write to a file with -o", file=sys.stderr)
@@ -142,9 +142,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _failed(error: Exception, author: str) -> int:
-    """Say what went wrong, in words and whose fault it is, and give the exit code."""
+    """Print what went wrong, and for an internal error whose fault it is; the exit code."""
     if isinstance(error, ScoreError):
-        _say(error)
+        _print_error(error)
         return error.exit_code
     if os.environ.get("ARIAC_SCORE_DEBUG"):
         raise error
@@ -156,7 +156,7 @@ def _failed(error: Exception, author: str) -> int:
     return EXIT_INTERNAL
 
 
-def _say(error: ScoreError) -> None:
+def _print_error(error: ScoreError) -> None:
     style = style_for(sys.stderr)
     print(f"{style('error:', 'bold', 'red')} {plain(str(error))}", file=sys.stderr)
     if error.hint:

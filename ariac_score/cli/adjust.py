@@ -17,8 +17,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "adjust",
-        description="Apply an adjustments.yaml to a stored result. The automatic result stays in it, "
-        "untouched and shown. Without ADJUSTMENTS, print a file to begin with.",
+        description="Apply an adjustments.yaml to a stored result. The automatic result stays in it "
+        "unchanged, and both are shown. Without ADJUSTMENTS, print a file to start from.",
     )
     parser.add_argument(
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
@@ -41,5 +41,6 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.adjustments)
     adjusted, others = adjust(stored, load_adjustments(arguments.adjustments), measured=measured)
     if others:
-        print(f"{others} adjustments of the file are about other results", file=sys.stderr)
+        are = "adjustment of the file is" if others == 1 else "adjustments of the file are"
+        print(f"{others} {are} about other results", file=sys.stderr)
     return show(adjusted, arguments)

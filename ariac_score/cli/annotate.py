@@ -1,4 +1,4 @@
-"""`ariac-score annotate LOG RESULT -o out.mcap`: a recording to open beside the log."""
+"""`ariac-score annotate LOG RESULT -o out.mcap`: a recording to open together with the log."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "annotate",
-        description="Write a ROS 2 recording (MCAP) with state and margin of every monitor, violations as "
-        "markers, and a log, on the clock of the log: for Foxglove, PlotJuggler or RViz.",
+        description="Write a ROS 2 recording (MCAP) to open with the log in Foxglove, PlotJuggler or "
+        "RViz: state and margin of every monitor, violations as markers, and messages, on the log's clock.",
     )
     parser.add_argument("path", type=Path, metavar="LOG", help="the log or bundle the result was made from")
     parser.add_argument(
@@ -36,7 +36,7 @@ def register(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the log again, watch it, write."""
+    """Read the log again, run the monitors, write."""
     for source in (arguments.path, arguments.result):
         refuse_inputs(arguments.output, source)
     result = load_result(arguments.result)
@@ -53,6 +53,6 @@ def run(arguments: argparse.Namespace) -> int:
     bare = without_margins(found)
     if bare:
         sys.stderr.write(
-            f"notice: no margin at every sample, only where findings begin and end: {', '.join(bare)}\n"
+            f"notice: these monitors have a margin only where findings begin and end: {', '.join(bare)}\n"
         )
     return 0

@@ -1,4 +1,4 @@
-"""`ariac-score audit PATH`: the official text held against the log, and against itself."""
+"""`ariac-score audit PATH`: the official score compared with the log, and with itself."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "audit",
-        description="Compute every number of the official text again from the log, and check that the text "
-        "adds up. Exit code 1: something differs or does not add up.",
+        description="Compute every number that the official scorer printed again from the log, and check "
+        "that its numbers add up. Exit code 1: something differs or does not add up.",
     )
     parser.add_argument(
         "path", type=Path, metavar="PATH", help="bundle folder or log with the official scorer's text"
     )
     parser.add_argument(
-        "--rules", default="", metavar="NAME", help="rule set; without it that of the text's layout"
+        "--rules", default="", metavar="NAME", help="rule set; default: the one of the text's layout"
     )
     parser.add_argument(
         "--against",
         default="",
         metavar="NAME",
-        help="second rule set to list the differences to; without it those that say how they differ",
+        help="list the differences to this rule set, too; default: those that declare how they differ",
     )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
@@ -46,7 +46,7 @@ def register(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Audit, show, and say with the exit code whether everything that can be judged agrees."""
+    """Audit and show; the exit code is 0 if everything that can be judged agrees."""
     refuse_inputs(arguments.output, arguments.path)
     if RosMonitoringReader().can_read(arguments.path):
         return _verdicts(arguments)
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _verdicts(arguments: argparse.Namespace) -> int:
-    """Hold the verdicts in a log of ROSMonitoring against ours."""
+    """Compare the verdicts in a log of ROSMonitoring with ours."""
     if not arguments.rules or arguments.against or arguments.output_format != "text":
         raise UsageError(
             "the verdicts of monitors are compared as text, under one rule set",

@@ -34,8 +34,8 @@ def register(commands: Any) -> None:
     parser = commands.add_parser(
         "batch",
         description="Score every run of a competition, or every entry of a folder. Each run is scored in a "
-        "process of its own, so that a damaged or hostile log costs that run alone. Whatever ends a batch, "
-        "the same command goes on where it was.",
+        "process of its own, so that a damaged or hostile log costs that run alone. When a batch is "
+        "interrupted, the same command goes on where it stopped.",
     )
     parser.add_argument(
         "path",
@@ -46,16 +46,20 @@ def register(commands: Any) -> None:
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set; a competition names its own")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the batch")
     parser.add_argument(
-        "-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: cores"
+        "-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: one for each core"
     )
     parser.add_argument(
-        "--shard", default="", metavar="i/n", help="only the i-th of n parts; 'merge' joins them"
+        "--shard", default="", metavar="i/n", help="score only the i-th of n parts; 'merge' joins them"
     )
     parser.add_argument(
         "--time-limit-s", type=float, default=600.0, metavar="S", help="per run; default: 600"
     )
     parser.add_argument(
-        "--memory-mb", type=int, default=8192, metavar="MIB", help="address space per run; 0: no limit"
+        "--memory-mb",
+        type=int,
+        default=8192,
+        metavar="MIB",
+        help="address space per run; default: 8192; 0: no limit",
     )
     parser.add_argument(
         "--output-mb", type=int, default=64, metavar="MIB", help="size of one result; default: 64"
@@ -66,7 +70,7 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--again",
         action="store_true",
-        help="also try runs again that were late, out of memory, killed or met a fault of the scorer",
+        help="also score runs again that were late, too large, out of memory, killed or met a fault",
     )
     parser.add_argument(
         "--executor", default="local", metavar="NAME", help="where runs are scored; default: local"
@@ -74,19 +78,22 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--ranges",
         action="store_true",
-        help="of recordings named by URI fetch only what is wanted; results then say how much was read",
+        help="of remote recordings fetch only the parts that the rules need; results show how much was read",
     )
-    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="scheduler of the executor")
+    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of the executor's cluster")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """BatchPlan, score what is missing, write the tables, say what came of it."""
+    """Find the runs, score what is missing, write the tables, print the outcomes."""
     sizes = (arguments.memory_mb, arguments.output_mb, arguments.input_gb)
     if arguments.jobs < 0 or arguments.time_limit_s <= 0 or min(sizes) < 0:
-        raise UsageError("a limit is negative, or no time at all", hint="leave it out for the default")
+        raise UsageError(
+            "--jobs and the limits may not be negative, and the time limit not 0",
+            hint="leave them out for the defaults",
+        )
     part = shard(arguments.shard) if arguments.shard else (1, 1)
-    _refuse_elsewhere(arguments.output)
+    _refuse_uri(arguments.output)
     limits = Limits(
         arguments.time_limit_s,
         arguments.memory_mb << 20,
@@ -120,7 +127,7 @@ def _run(
     setting: BatchSetting,
     part: tuple[int, int],
 ) -> int:
-    """Score what is missing, write the tables, say what came of it."""
+    """Score what is missing, write the tables, print the outcomes."""
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
     try:
@@ -151,11 +158,13 @@ def _run(
     return EXIT_UNSETTLED if report.unsettled else 0
 
 
-def _refuse_elsewhere(output: Path) -> None:
-    """Refuse to make a folder that is called like a bucket."""
-    if ":/" in str(output):
+def _refuse_uri(output: Path) -> None:
+    """Refuse to make a folder with the name of a URI."""
+    if ":/" in str(output):  # `Path` has made one slash of two
         raise UsageError(
-            "a batch is written to a folder of this machine", file=output, hint="copy it there afterwards"
+            "a batch is written to a folder of this machine",
+            file=output,
+            hint="name a local folder, and copy it there afterwards",
         )
 
 
@@ -165,7 +174,9 @@ def _refuse_inside(output: Path, path: Path) -> None:
     logs = source if source.is_dir() else source.parent
     if target == logs or (logs in target.parents and target.parent == logs and not _is_competition(logs)):
         raise UsageError(
-            "the batch would lie among the trials it scores", file=output, hint="put it beside their folder"
+            "the batch would lie among the trials it scores",
+            file=output,
+            hint="name a folder outside of theirs",
         )
 
 
@@ -175,12 +186,12 @@ def _is_competition(folder: Path) -> bool:
 
 @contextmanager
 def _progress(total: int) -> Iterator[OnOutcome]:
-    """A bar with counts of outcomes on a terminal; one line for each run elsewhere."""
+    """A bar with counts of outcomes on a terminal; else one line for each run."""
     if not sys.stderr.isatty():
 
         def line(key: TaskKey, outcome: str, reason: str) -> None:
-            said = plain(f"{_named(key)}: {outcome}{': ' + reason if reason else ''}")
-            sys.stderr.write(f"{said}\n")
+            text = f"{_name(key)}: {_words(outcome)}{': ' + reason if reason else ''}"
+            sys.stderr.write(f"{plain(text)}\n")
 
         yield line
         return
@@ -191,32 +202,41 @@ def _progress(total: int) -> Iterator[OnOutcome]:
 
         def step(_key: TaskKey, outcome: str, _reason: str) -> None:
             counts[outcome] += 1
-            progress.update(bar, advance=1, description=counted(counts))
+            progress.update(bar, advance=1, description=outcomes_text(counts))
 
         yield step
 
 
-def _named(key: TaskKey) -> str:
+def _name(key: TaskKey) -> str:
     team, trial, number = key
     return f"{team}/{trial}_{number}" if team else trial
 
 
-def counted(counts: Mapping[str, int]) -> str:
-    """Counts of outcomes in words, the largest first."""
+def _words(outcome: str) -> str:
+    return outcome.replace("_", " ")
+
+
+def runs_text(count: int) -> str:
+    """A number of runs."""
+    return f"{count} run{'' if count == 1 else 's'}"
+
+
+def outcomes_text(counts: Mapping[str, int]) -> str:
+    """Counts of outcomes, the largest first."""
     ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
-    return ", ".join(f"{number} {outcome.replace('_', ' ')}" for outcome, number in ordered)
+    return ", ".join(f"{number} {_words(outcome)}" for outcome, number in ordered)
 
 
 def _show(report: Report, plan: BatchPlan, out: Path) -> None:
-    runs = f"{report.runs} run{'' if report.runs == 1 else 's'}"
-    print(f"{plain(plan.id)}: {runs}: {counted(report.outcomes)}")
+    print(f"{plain(plan.id)}: {runs_text(report.runs)}: {outcomes_text(report.outcomes)}")
     if report.cpu_s:
-        print(f"{report.scored_now} looked at, {report.cpu_s:.1f} s of processor time")
+        print(f"{report.scored_now} scored now, in {report.cpu_s:.1f} s of processor time")
     if report.scored_now < report.runs:
-        print(f"{report.runs - report.scored_now} of them were there already")
+        print(f"{report.runs - report.scored_now} scored before")
     if report.contradictions:
         rows = f"{report.contradictions} row{'' if report.contradictions == 1 else 's'}"
-        print(f"{rows} of the tables contradicted the stored documents and were made again")
+        verb = "was" if report.contradictions == 1 else "were"
+        print(f"{rows} of the tables contradicted the stored results and {verb} made again")
     for stranger in plan.strangers:
-        print(f"passed over: {plain(stranger)}")
-    print(f"results: {plain(str(out))} (runs.jsonl to read, index.sqlite to ask)")
+        print(f"no run, skipped: {plain(stranger)}")
+    print(f"results: {plain(str(out))} (runs.jsonl to read, index.sqlite to query)")

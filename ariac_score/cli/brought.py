@@ -1,9 +1,9 @@
-"""Commands that plugins bring: the entry plugins of the group `ariac_score.commands`.
+"""Commands of plugins: the entry points of the group `ariac_score.commands`.
 
-The entry point of a command is named as the command and leads to a module with a function
-`register(commands)`, which adds the parser of that name. What `--help` says of it is the first
-line of the module's docstring, which is read from its source: why not import it? A stranger's
-package may load much, or be broken, and neither may keep anybody from the help of the others.
+The entry point of a command has the name of the command and leads to a module with a function
+`register(commands)`, which adds the parser of that name. Its line in `--help` is the first line of the
+module's docstring, read from the source. The module is not imported for that: a stranger's package
+may be slow to load, or broken, and the help of the other commands has to work all the same.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ GROUP = "ariac_score.commands"
 
 
 def brought_commands(own: Collection[str]) -> Mapping[str, Sequence[Plugin]]:
-    """Who brings which command, sorted by name.
+    """The plugins that provide each command, by name.
 
     Args:
-        own: Commands of ariac-score, which are never looked for elsewhere.
+        own: Commands of ariac-score, which no plugin can replace.
     """
     registry = Registry()
     names = [name for name in registry.names(GROUP) if name not in own]
@@ -34,7 +34,7 @@ def brought_commands(own: Collection[str]) -> Mapping[str, Sequence[Plugin]]:
 
 
 def summary_of(plugins: Sequence[Plugin]) -> str:
-    """What `--help` says of a command; nothing of it is imported."""
+    """The line about a command in `--help`; nothing of it is imported."""
     if len(plugins) > 1:
         return f"cannot be used: it is brought by {_all(plugins)}"
     module = plugins[0].target.partition(":")[0].strip()
@@ -42,9 +42,9 @@ def summary_of(plugins: Sequence[Plugin]) -> str:
         first = (_docstring(module) or "").strip().partition("\n")[0]
     except (OSError, ValueError, SyntaxError, ImportError):
         first = ""
-    # A docstring that begins with how the command is called, as ours do, goes on after that.
-    words = first.partition("`: ")[2] if first.startswith("`") else first
-    return (words or f"a command of {plugins[0].distribution}").rstrip(".").replace("%", "%%")
+    # The docstring may begin with the command line, as ours do; the summary follows it.
+    summary = first.partition("`: ")[2] if first.startswith("`") else first
+    return (summary or f"a command of {plugins[0].distribution}").rstrip(".").replace("%", "%%")
 
 
 def _docstring(module: str) -> str | None:
@@ -62,13 +62,13 @@ def register_brought(name: str, plugins: Sequence[Plugin], commands: Any) -> Non
     """Let a plugin add its command.
 
     Raises:
-        PluginConflictError: Two distributions bring it.
+        PluginConflictError: Two distributions provide it.
         PluginError: It cannot be imported, or does not add the command.
     """
     if len(plugins) > 1:
         raise PluginConflictError(
             f"the command {name!r} is brought by {_all(plugins)}",
-            hint="uninstall one: the order of sys.path must not choose",
+            hint="uninstall one: the order of sys.path must not decide",
         )
     (plugin,) = plugins
     origin = f"the command {name!r} ({plugin.distribution} {plugin.version})"
@@ -82,7 +82,8 @@ def register_brought(name: str, plugins: Sequence[Plugin], commands: Any) -> Non
         ) from cause
     if name not in commands.choices:
         raise PluginError(
-            f"{origin} does not add a parser of that name", hint=f"tell the authors of {plugin.distribution}"
+            f"{origin} does not add a parser of that name",
+            hint=f"report this to the authors of {plugin.distribution}",
         )
     commands.choices[name].set_defaults(author=f"{plugin.distribution} {plugin.version}")
 

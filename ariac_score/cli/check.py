@@ -15,15 +15,15 @@ from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_UNDECIDED = 6
-_WORDS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
+_LABELS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "check",
-        description="What a team asks before it submits. Exit code 0: the log can be scored; 5: there is "
-        "nothing to score; 6: it is damaged, or lacks what the score depends on.",
+        description="Check whether a log can be scored, before it is submitted. Exit code 0: it can; 5: "
+        "there is nothing to score; 6: it is damaged, or lacks something that the score depends on.",
     )
     parser.add_argument(
         "path", type=Path, metavar="LOG", help="log, bag folder, bundle folder or bundle.yaml"
@@ -37,7 +37,7 @@ def register(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, show, and say with the exit code whether it can be scored."""
+    """Check and show; the exit code is 0 if it can be scored."""
     rule_set = load_rule_set(arguments.rules)
     with progress_bar(arguments.path) as progress:
         found = check_log(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
@@ -60,8 +60,8 @@ def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
     for lack in found.lacks:
         alike.setdefault((lack.effect, lack.cause, lack.remedy), []).append(lack.what)
     for (effect, cause, remedy), checks in alike.items():
-        word, look = _WORDS[effect]
-        yield f"  {style(f'{word:<9}', look)}{', '.join(checks)}: {plain(cause)}"
+        label, look = _LABELS[effect]
+        yield f"  {style(f'{label:<9}', look)}{', '.join(checks)}: {plain(cause)}"
         if remedy:
             yield f"           {plain(remedy)}"
     yield f"  {style('decided  ', 'green')}{', '.join(found.decided) or 'nothing'}"

@@ -17,7 +17,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "explain",
-        description="Show the ledger of a stored result, or what a line, order, check or finding rests on.",
+        description="Show the ledger of a stored result; or, with PATH, one line, order, check or finding "
+        "with everything that it rests on.",
     )
     parser.add_argument(
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
@@ -27,13 +28,13 @@ def register(commands: Any) -> None:
         nargs="?",
         default="",
         metavar="PATH",
-        help="ledger path or part of it, check, finding id or subject",
+        help="path in the ledger or a part of one, name of a check, id or subject of a finding",
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Load the result, which checks its sums, and print what was asked for."""
+    """Load the result, which checks its sums, and print the ledger or a part of it."""
     result = load_result(arguments.result)
     style = style_for(sys.stdout)
     if result.ledger is None and not arguments.path:
@@ -48,9 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
             *result.checks,
         }
         raise UsageError(
-            f"nothing in the result is called {arguments.path!r}",
+            f"nothing in the result has the name {arguments.path!r}",
             file=arguments.result,
-            hint=did_you_mean(arguments.path, known, what="there is"),
+            hint=did_you_mean(arguments.path, known, what="it has"),
         )
     sys.stdout.write(text)
     return 0

@@ -1,4 +1,4 @@
-"""`ariac-score export RESULT|BATCH`: a stored result, or tables of a batch, as other programs read them."""
+"""`ariac-score export RESULT|BATCH`: a stored result, or a table of a batch, for other programs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.export import table_csv, write_parquet
+from ariac_score.batch.export import TABLES, table_csv, write_parquet
 from ariac_score.cli.outcome import add_output, show
 from ariac_score.errors import UsageError
 from ariac_score.results.result_file import load_result
@@ -27,7 +27,7 @@ def register(commands: Any) -> None:
         help="JSON written by 'score --output-format json'; or the folder of a batch",
     )
     parser.add_argument(
-        "--table", choices=("runs", "checks"), default="runs", help="of a batch; default: runs"
+        "--table", choices=TABLES, default="runs", help="which table of a batch; default: runs"
     )
     add_output(parser)
     parser.set_defaults(run=run)
@@ -42,10 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(arguments: argparse.Namespace) -> int:
-    """A table of a batch: Parquet when the file is named so, else CSV."""
+    """A table of a batch: Parquet if the name of the file ends so, else CSV."""
     if arguments.output_format not in ("text", "csv"):
         raise UsageError(
-            f"a batch has no {arguments.output_format}", hint="--output-format csv, or -o FILE.parquet"
+            f"a batch cannot be written as {arguments.output_format}",
+            hint="give --output-format csv, or -o FILE.parquet",
         )
     if arguments.output is not None and arguments.output.suffix == ".parquet":
         write_parquet(arguments.result, arguments.table, arguments.output)

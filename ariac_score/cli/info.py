@@ -1,4 +1,4 @@
-"""`ariac-score info LOG`: what a log holds, and which monitors of a rule set it could decide."""
+"""`ariac-score info LOG`: the contents of a log, and which checks of a rule set it could decide."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "info",
-        description="Topics, types, counts, rates, gaps, clocks, orders and entities of a log or bundle.",
+        description="Show the topics, types, counts, rates, gaps, clocks, orders and entities of a log or "
+        "bundle.",
     )
     parser.add_argument(
         "path", type=Path, metavar="LOG", help="log, bag folder, bundle folder or bundle.yaml"
     )
     parser.add_argument(
-        "--rules", default="", metavar="NAME", help="say which checks of this rule set could be decided"
+        "--rules", default="", metavar="NAME", help="show which checks of this rule set could be decided"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Describe every part, then what the trial as a whole shows."""
+    """Describe every part, then the trial as a whole."""
     style = style_for(sys.stdout)
     registry = Registry()
     bundle, readers = find_trial(arguments.path, registry)
@@ -76,7 +77,7 @@ def _described(description: Any) -> list[str]:
 
 
 def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
-    """Orders, entities, signals; with a rule set also what could be decided."""
+    """Orders, entities, signals; with a rule set also which checks could be decided."""
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     name = arguments.log_map or (rule_set.log_map if rule_set else "")
     if not name:
@@ -85,7 +86,15 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     mapping = prepared.log_map if prepared else load_log_map(name)
     try:
         with progress_bar(arguments.path) as progress:
-            trial = read_trial(bundle, readers, mapping, registry, quantities=QUANTITIES, progress=progress)
+            trial = read_trial(
+                bundle,
+                readers,
+                mapping,
+                registry,
+                quantities=[*QUANTITIES, *mapping.quantities],
+                progress=progress,
+                orders=prepared is not None and prepared.rule_set.about_orders,
+            )
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]
     except LogError as error:
@@ -101,7 +110,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     if window:
         lines.append(f"  competition from {window.start_s:.3f} s to {window.end_s:.3f} s")
     lines.append(f"  signals: {', '.join(map(plain, trial.signals)) or 'none'}")
-    lines.append(f"  would have shown: {', '.join(sorted(trial.witnessed)) or 'nothing in particular'}")
+    lines.append(f"  would record if they happened: {', '.join(sorted(trial.witnessed)) or 'nothing'}")
     lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
     slow = [defect for defect in trial.log_defects if defect.kind == "decoded_one_by_one"]
     lines += [f"  note: {plain(defect.where)}: {plain(defect.message)}" for defect in slow]

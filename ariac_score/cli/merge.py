@@ -8,7 +8,7 @@ from typing import Any
 
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.store import Store
-from ariac_score.cli.batch import EXIT_UNSETTLED, counted
+from ariac_score.cli.batch import EXIT_UNSETTLED, outcomes_text, runs_text
 from ariac_score.errors import UsageError
 from ariac_score.terminal.style import plain
 
@@ -17,22 +17,25 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "merge",
-        description="Join folders that 'batch --shard' wrote: the same bytes as one batch of all runs.",
+        description="Join the folders that 'batch --shard' wrote. The result has the same bytes as one batch "
+        "of all runs.",
     )
     parser.add_argument("output", type=Path, metavar="OUT", help="folder of the joined batch")
     parser.add_argument("parts", type=Path, nargs="+", metavar="PART", help="folder of a shard")
-    parser.add_argument("--mixed-code", action="store_true", help="join results made by different code, too")
+    parser.add_argument("--mixed-code", action="store_true", help="also join results of different code")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Join, and say what is there now."""
+    """Join the parts, and print the number of runs and outcomes."""
     if arguments.output.resolve() in [part.resolve() for part in arguments.parts]:
         raise UsageError(
-            "a part cannot be joined into itself", file=arguments.output, hint="name a new folder first"
+            "a part cannot be joined into itself",
+            file=arguments.output,
+            hint="give a new folder as the first argument",
         )
     store = Store(arguments.output)
     with store.working() as work:
         report = merge_batches(arguments.parts, store, work, mixed_code=arguments.mixed_code)
-    print(f"{plain(str(arguments.output))}: {report.runs} runs: {counted(report.outcomes)}")
+    print(f"{plain(str(arguments.output))}: {runs_text(report.runs)}: {outcomes_text(report.outcomes)}")
     return EXIT_UNSETTLED if report.unsettled else 0

@@ -21,8 +21,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "oracle",
-        description="A WebSocket oracle: every event is answered with the verdict of its trace so far. "
-        "Interrupt it (Ctrl-C) to end it; it then writes the findings of every connection's events.",
+        description="Serve a WebSocket oracle for ROSMonitoring: every event is answered with the verdict of "
+        "its trace so far. Interrupt it (Ctrl-C) to end it; it then writes the findings of each connection.",
     )
     by = parser.add_mutually_exclusive_group(required=True)
     by.add_argument("--rules", metavar="NAME", help="rule set: a name ('rules list') or a .yaml file")
@@ -31,18 +31,16 @@ def register(commands: Any) -> None:
         "--after-violation",
         choices=("once", "resume", "restart"),
         default="once",
-        help="with --spec: a rejected event is final (default), passed over, or where the specification "
-        "begins anew",
+        help="with --spec: after a rejected event, the verdict is final (once, the default), the event is "
+        "ignored (resume), or the specification starts anew (restart)",
     )
     parser.add_argument(
         "--dialect",
         choices=("2024", "rosmonitoring"),
         default="2024",
-        help="with --spec: which form of the language (default: 2024)",
+        help="with --spec: dialect of the language (default: 2024)",
     )
-    parser.add_argument(
-        "--exact", action="store_true", help="with --spec: numbers are compared without tolerance"
-    )
+    parser.add_argument("--exact", action="store_true", help="with --spec: compare numbers without tolerance")
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
@@ -56,18 +54,24 @@ def register(commands: Any) -> None:
         metavar="DIR",
         help="new folder for event logs and results (default: oracle_results)",
     )
-    parser.add_argument("--max-connections", type=int, default=16, metavar="N", help="default: 16")
     parser.add_argument(
-        "--max-frame-bytes", type=int, default=1_000_000, metavar="N", help="default: 1000000"
+        "--max-connections", type=int, default=16, metavar="N", help="at a time (default: 16)"
     )
     parser.add_argument(
-        "--max-rate", type=float, default=50_000.0, metavar="N", help="events/s of a connection; 0: any"
+        "--max-frame-bytes", type=int, default=1_000_000, metavar="N", help="longest event (default: 1000000)"
+    )
+    parser.add_argument(
+        "--max-rate",
+        type=float,
+        default=50_000.0,
+        metavar="N",
+        help="events/s of a connection (default: 50000); 0: any",
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until interrupted, then write what was found."""
+    """Serve until interrupted, then write findings and report."""
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     bench = _bench(arguments, rule_set)
     oracle = Oracle(
@@ -114,11 +118,12 @@ def _introduce(oracle: Oracle, bench: Bench) -> None:
 
 
 def _serve(oracle: Oracle) -> None:
-    """Until an interrupt or a request to terminate comes; both are a proper end here."""
+    """Serve until SIGINT or SIGTERM; here both are the regular end."""
 
     def interrupt(*_: object) -> NoReturn:
         raise KeyboardInterrupt
 
+    # Containers and service managers end a program by SIGTERM, and the results are to be written.
     before = signal.signal(signal.SIGTERM, interrupt)
     try:
         oracle.serve()

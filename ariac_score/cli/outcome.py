@@ -1,4 +1,4 @@
-"""What commands do with a result: show it, and say with the exit code what it is."""
+"""What commands do with a result: show it, and return the exit code for it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _CRITERION = re.compile(
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how a result is shown, and when it fails."""
+    """Add the options for how a result is shown, and when it fails."""
     parser.add_argument(
-        "--output-format", choices=FORMATS, default="text", help="default: text; see docs/ci.md"
+        "--output-format", choices=FORMATS, default="text", help="default: text; see docs/outputs.md"
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.add_argument(
@@ -41,7 +41,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="WHAT",
         help="exit with 1 on 'violation', 'unknown', 'violation:CHECK', 'unknown:CHECK' or 'score<X'; "
-        "may be given several times",
+        "repeatable",
     )
 
 
@@ -54,13 +54,13 @@ def _criterion(text: str) -> str:
 
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
-    """Print or write a result as the arguments ask, say what withholds a score and which criteria fail."""
+    """Print or write a result, and on stderr what withholds its score and which criteria fail."""
     failed = failed_criteria(result, arguments.fail_on)
     write(_shown(result, arguments), arguments.output)
-    for words in failed:
-        print(f"failed: {words}", file=sys.stderr)
+    for criterion in failed:
+        print(f"failed: {criterion}", file=sys.stderr)
     if result.final is None:
-        _say_what_withholds(result)
+        _print_what_withholds(result)
         return EXIT_UNDECIDED
     return EXIT_CRITERION if failed else 0
 
@@ -73,7 +73,7 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
     return exported(result, arguments.output_format)
 
 
-def _say_what_withholds(result: Result) -> None:
+def _print_what_withholds(result: Result) -> None:
     withheld = [assumption for assumption in result.assumptions if assumption.policy == "withhold"]
     for assumption in withheld:
         print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
@@ -86,18 +86,18 @@ def _say_what_withholds(result: Result) -> None:
 
 
 def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
-    """Which criteria a result fails, in words; what stewards decided counts.
+    """The criteria that a result fails, each with the reason; decisions of stewards count.
 
     Raises:
         UsageError: A criterion names a check that the rules do not have.
     """
-    words = []
+    failed = []
     for text in dict.fromkeys(criteria):
         match = _CRITERION.fullmatch(text)
         assert match is not None  # the option takes nothing else
         if match["limit"] is not None:
             if result.final is not None and result.final < Decimal(match["limit"]):
-                words.append(f"{text}: it is {result.final:f}")
+                failed.append(f"{text}: it is {result.final:f}")
             continue
         if match["check"] and match["check"] not in result.checks:
             raise UsageError(
@@ -108,12 +108,12 @@ def failed_criteria(result: Result, criteria: list[str]) -> list[str]:
         found = _found(result, verdict, match["check"] or "")
         if found:
             more = f" and {len(found) - 3} more" if len(found) > 3 else ""
-            words.append(f"{text}: {', '.join(found[:3])}{more}")
-    return words
+            failed.append(f"{text}: {', '.join(found[:3])}{more}")
+    return failed
 
 
 def _found(result: Result, verdict: Verdict, check: str) -> list[str]:
-    """The findings of a verdict, as the stewards left them."""
+    """The findings with a verdict, after the decisions of stewards."""
     findings = result.measured.findings
     if result.adjusted is not None:
         findings = with_verdicts(findings, result.adjusted.adjustments)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.tasks import BatchSetting, Limits
+from ariac_score.cli.actions import add_action
 from ariac_score.errors import UsageError
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.evalai import (
@@ -46,7 +47,7 @@ def register(commands: Any) -> None:
 
 def _codabench(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    one = actions.add_parser("bundle", help="write a complete competition bundle")
+    one = add_action(actions, "bundle", "write a complete competition bundle")
     one.add_argument("--rules", required=True, metavar="NAME", help="rule set of the phase")
     one.add_argument("--title", required=True, help="of the competition")
     one.add_argument(
@@ -61,22 +62,24 @@ def _codabench(parser: argparse.ArgumentParser) -> None:
         metavar="ID[=CONFIG]",
         help="a trial, with its configuration; repeatable",
     )
-    one.add_argument("--time-limit-s", type=int, default=600, metavar="S", help="for one submission")
+    one.add_argument(
+        "--time-limit-s", type=int, default=600, metavar="S", help="for one submission; default: 600"
+    )
     one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help="file to write")
     one.set_defaults(run=_bundle)
-    one = actions.add_parser("check", help="find what the platform would reject late or get wrong in silence")
+    one = add_action(actions, "check", "find what the platform would reject late or get wrong in silence")
     one.add_argument("bundle", type=Path, metavar="ZIP", help="the competition bundle")
     one.set_defaults(run=_check_bundle)
-    one = actions.add_parser("dry-run", help="score a submission as the platform's worker does")
+    one = add_action(actions, "dry-run", "score a submission as the platform's worker does")
     one.add_argument("bundle", type=Path, metavar="ZIP", help="the competition bundle")
     one.add_argument("submission", type=Path, metavar="SUBMISSION", help="the zip of a team")
     one.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder to work in")
     one.set_defaults(run=_dry_run)
-    one = actions.add_parser("pack", help="pack a submission that the platform does not take for a program")
+    one = add_action(actions, "pack", "pack a submission that the platform does not take for a program")
     one.add_argument("trials", type=Path, nargs="+", metavar="TRIAL", help="log, or folder of a trial")
     one.add_argument("-o", "--output", type=Path, required=True, metavar="ZIP", help="file to write")
     one.set_defaults(run=_pack)
-    one = actions.add_parser("score", help="score a submission; for the scoring program in its container")
+    one = add_action(actions, "score", "score a submission; for the scoring program in its container")
     one.add_argument("input", type=Path, metavar="INPUT", help="folder with ref and res")
     one.add_argument("output", type=Path, metavar="OUTPUT", help="folder for scores and page")
     one.set_defaults(run=_score)
@@ -84,7 +87,7 @@ def _codabench(parser: argparse.ArgumentParser) -> None:
 
 def _evalai(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    one = actions.add_parser("config", help="write challenge_config.yaml")
+    one = add_action(actions, "config", "write challenge_config.yaml")
     one.add_argument("--title", required=True, help="of the challenge")
     one.add_argument(
         "--phase", required=True, metavar="CODENAME", help="code name of the phase, such as finals"
@@ -98,7 +101,7 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
         help="the configuration with the files that the importer requires",
     )
     one.set_defaults(run=_config)
-    one = actions.add_parser("check", help="find what the platform would get wrong in silence")
+    one = add_action(actions, "check", "find what the platform would get wrong in silence")
     one.add_argument("config", type=Path, metavar="FILE", help="challenge_config.yaml")
     one.set_defaults(run=_check_config)
     one = actions.add_parser(
@@ -181,10 +184,12 @@ def _config(arguments: argparse.Namespace) -> int:
     if arguments.folder is None:
         write(challenge_config(challenge), arguments.output)
         return 0
-    for name, content in challenge_files(challenge).items():
+    files = challenge_files(challenge)
+    for name, content in files.items():
         place = arguments.folder / name
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
+    print(f"wrote {len(files)} files in {plain(str(arguments.folder))}; 'platform evalai check' checks them")
     return 0
 
 

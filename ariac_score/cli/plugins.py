@@ -1,4 +1,4 @@
-"""`ariac-score plugins list|show|check|doctor`: what is installed, by whom, and whether it is sound."""
+"""`ariac-score plugins list|show|check|doctor`: installed plugins, and whether they work."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.registry import Registry, package_sha256, unreadable_distributions, unreadable_hint
+from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
 from ariac_score.terminal.style import plain, style_for
@@ -27,30 +28,33 @@ EXIT_PLUGIN = 3
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("plugins")
+    parser = commands.add_parser("plugins", description="List, show and check installed plugins.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="every plugin, its distribution and version")
-    listing.add_argument("--hash", action="store_true", help="with the SHA-256 of its package's code")
+    listing = add_action(actions, "list", "list every plugin with its distribution and version")
+    listing.add_argument("--hash", action="store_true", help="also show the SHA-256 of its package's code")
     listing.add_argument("--output-format", choices=("text", "json"), default="text")
     listing.set_defaults(run=run_list)
-    show = actions.add_parser("show", help="the page of one plugin")
+    show = add_action(actions, "show", "show the documentation of a plugin")
     show.add_argument("name", metavar="NAME")
     show.set_defaults(run=run_show)
     check = actions.add_parser(
         "check",
-        help="whether a plugin keeps its contract",
-        description="Tries the contract of a plugin on a trial. Exit codes: 0 kept, 1 broken.",
+        help="check whether a plugin keeps its contract",
+        description="Try the contract of a plugin on a trial. Exit codes: 0 kept, 1 broken.",
     )
     check.add_argument("name", metavar="NAME")
     check.add_argument(
-        "--trial", type=Path, metavar="LOG", help="a log of yours; by default a made trial (readers need one)"
+        "--trial",
+        type=Path,
+        metavar="LOG",
+        help="a log of yours, which a reader needs; default: an example trial",
     )
     check.add_argument("--log-map", default="", metavar="NAME", help="log map to read it with")
     check.add_argument(
-        "--budget", type=float, default=None, metavar="S", help="processor time for a million samples, s"
+        "--budget", type=float, default=None, metavar="S", help="most processor time for a million samples, s"
     )
     check.set_defaults(run=run_check)
-    doctor = actions.add_parser("doctor", help="everything that is wrong with what is installed")
+    doctor = add_action(actions, "doctor", "find everything that is wrong with installed plugins")
     doctor.set_defaults(run=run_doctor)
 
 
@@ -58,26 +62,28 @@ def register(commands: Any) -> None:
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print each plugin; one that cannot be loaded or is provided twice is said to be so."""
+    """Print each plugin, with the reason for one that cannot be used."""
     registry = Registry()
     rows = [_row(registry, plugin) for group in GROUPS for plugin in registry.all(group)]
     if arguments.output_format == "json":
         print(json.dumps(rows, indent=1, ensure_ascii=False))
     for row in rows if arguments.output_format == "text" else ():
         code = f" {row['sha256'][:16]}" if arguments.hash else ""
-        words = f"{row['problem'] or row['summary']}"
-        print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {words}")
+        about = row["problem"] or row["summary"]
+        print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {about}")
+    unreadable = unreadable_distributions()
+    for one in unreadable:  # not among the rows: nobody knows which plugins it has
+        print(plain(f"{one.origin}: {one.reason}"), file=sys.stderr)
     problems = [row["name"] for row in rows if row["problem"]]
-    if not problems:
-        return 0
-    one = "plugin cannot" if len(problems) == 1 else "plugins cannot"
-    print(f"error: {len(problems)} {one} be used: {', '.join(problems)}", file=sys.stderr)
-    print("hint: 'ariac-score plugins doctor' says what is wrong with each, and what to do", file=sys.stderr)
-    return EXIT_PLUGIN
+    if problems:
+        one_or_more = "plugin cannot" if len(problems) == 1 else "plugins cannot"
+        print(f"error: {len(problems)} {one_or_more} be used: {', '.join(problems)}", file=sys.stderr)
+        print("hint: 'ariac-score plugins doctor' says what is wrong with each", file=sys.stderr)
+    return EXIT_PLUGIN if unreadable or problems else 0
 
 
 def _row(registry: Any, plugin: Any) -> dict[str, str]:
-    """One plugin as `list` gives it; why it cannot be used is its `problem`."""
+    """A plugin as `list` shows it; `problem` is why it cannot be used."""
     row = {
         "kind": plugin.group.rpartition(".")[2],
         "name": plugin.name,
@@ -111,7 +117,7 @@ def _summary(kind: Any) -> str:
 
 
 def run_show(arguments: argparse.Namespace) -> int:
-    """Print the page of a plugin, after who brought it."""
+    """Print the distribution of a plugin, then its documentation."""
     for plugin in _named(arguments.name):
         kind = plugin.group.rpartition(".")[2].removesuffix("s")
         page = plugin_page(plugin)
@@ -133,7 +139,8 @@ def _named(name: str) -> list[Any]:
     if not groups:
         known = [known for group in GROUPS for known in registry.names(group)]
         raise PluginNotFoundError(
-            f"no installed distribution provides {name!r}", hint=did_you_mean(name, known, what="installed")
+            f"no installed distribution provides {name!r}",
+            hint=did_you_mean(name, known, what="installed") + unreadable_hint(),
         )
     return [registry.find(group, name) for group in groups]
 
@@ -142,7 +149,7 @@ def _named(name: str) -> list[Any]:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Try every check of a plugin's contract and say how each went."""
+    """Try every check of a plugin's contract and print the outcome of each."""
     budget_s = BUDGET_S if arguments.budget is None else arguments.budget
     if not budget_s > 0:
         raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")

@@ -1,4 +1,4 @@
-"""`ariac-score price RESULT --rules NAME`: price what was measured again, without the log."""
+"""`ariac-score price RESULT --rules NAME`: price a stored result again, without its log."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "price",
-        description="Price a stored result again. Only prices may differ: every check of the rule set "
-        "must have been measured with the same parameters.",
+        description="Price a stored result under other rules. Only prices may differ: every check of the "
+        "rule set must have been measured with the same parameters.",
     )
     parser.add_argument(
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     again = reprice(stored, rule_set, values)
     if stored.adjusted is not None:
         print(
-            "what the stewards decided is not carried over to other prices: apply it again with 'adjust'",
+            "decisions of stewards do not carry over to other prices: apply them again with 'adjust'",
             file=sys.stderr,
         )
     if arguments.output_format == "text" and stored.score is not None and again.score is not None:

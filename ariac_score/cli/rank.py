@@ -39,7 +39,7 @@ def register(commands: Any) -> None:
     parser = commands.add_parser(
         "rank",
         description="Rank a competition: a competition.yaml, or a folder with the official layout "
-        "logs/<team>/<trial>_<n>. A run that cannot be scored is named and stops nobody else.",
+        "logs/<team>/<trial>_<n>. A run that cannot be scored is named and does not stop the others.",
     )
     parser.add_argument("path", type=Path, metavar="COMPETITION", help="competition.yaml, or its folder")
     parser.add_argument(
@@ -49,7 +49,7 @@ def register(commands: Any) -> None:
         "--policy",
         choices=("robust", "strict"),
         default="robust",
-        help="robust: a run without a score is named and counts 0; strict: as the organisers' own program",
+        help="robust: a run without a score is named and counts 0; strict: as in the organisers' program",
     )
     parser.add_argument(
         "--output-format", choices=("text", "csv", "json"), default="text", help="default: text"
@@ -59,7 +59,7 @@ def register(commands: Any) -> None:
         "--cohort-output",
         type=Path,
         metavar="FILE",
-        help="also write the values across teams, for publication",
+        help="also write the values across teams, for 'score --cohort'",
     )
     parser.add_argument(
         "--adjustments",
@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def exit_code(ranking: Ranking, *, listed: bool) -> int:
-    """6 when somebody should look at a run, or a team has no rank for want of something; else 0.
+    """6 when a run is unsettled, or a team that is not disqualified has no rank; else 0.
 
     Args:
         ranking: Of all teams.
@@ -140,7 +140,7 @@ def exit_code(ranking: Ranking, *, listed: bool) -> int:
 
 @dataclass(frozen=True)
 class _Shown:
-    """What there is to show."""
+    """A ranking with its statistics."""
 
     ranking: Ranking
     spec: Spec
@@ -156,7 +156,7 @@ class _Shown:
 def adjusted_by_stewards(
     file: Path | None, competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking
 ) -> Ranking:
-    """The ranking with what the stewards made of it, where they decided something."""
+    """The ranking with the decisions of the stewards, where there are any."""
     file = file or competition.adjustments
     if file is None:
         return ranking
@@ -164,7 +164,7 @@ def adjusted_by_stewards(
 
 
 def evaluation_of(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
-    """The organisers' own evaluation, where the rules name one and the runs are its texts."""
+    """The organisers' own evaluation, where the rules name one and the runs have its input."""
     if not spec.strict:
         return None
     try:
@@ -179,7 +179,7 @@ def _evaluated(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evalu
 
 
 def _strict(arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet, spec: Spec) -> int:
-    """Show what the organisers' own program gives: its CSV, or its leaderboard."""
+    """Show the output of the organisers' own program: its CSV, or its leaderboard."""
     if arguments.adjustments is not None:
         raise UsageError(
             "the organisers' own program knows no stewards", hint="drop --adjustments, or --policy strict"
@@ -240,7 +240,7 @@ def _relative(results: Path, output: Path | None) -> str:
 
 
 def _write_more(arguments: argparse.Namespace, ranking: Ranking) -> dict[RunKey, StoredResult]:
-    """The cohort and the single results, where they were asked for."""
+    """Write the cohort and the single results, where the arguments name files for them."""
     if arguments.cohort_output is not None:
         if ranking.cohort is None:
             raise UsageError(

@@ -36,14 +36,14 @@ def register(commands: Any) -> None:
     )
     add_site_arguments(parser)
     parser.add_argument(
-        "--extract", action="store_true", help="give back the result inside a page (RESULT is the page)"
+        "--extract", action="store_true", help="extract the result from a page (RESULT is the page)"
     )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="write to OUT instead of stdout")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make what the kind of the file asks for."""
+    """Make the page or site for this kind of file."""
     refuse_inputs(arguments.output, arguments.result)
     if arguments.extract:
         return _extract(arguments)
@@ -53,11 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _kind(file: Path) -> str:
-    """What a file says it is, such as `ariac-score/result`; empty when it does not say."""
+    """The kind of a file by its `schema`, such as `ariac-score/result`; empty without one."""
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return ""  # reading it as a result words the error
+        return ""  # reading it as a result reports what is wrong
     schema = stored.get("schema") if isinstance(stored, dict) else None
     return schema.rpartition("/")[0] if isinstance(schema, str) else ""
 
@@ -86,4 +86,4 @@ _WRITERS: Mapping[str, Callable[[argparse.Namespace], int]] = {
     "ariac-score/result": _trial,
     "ariac-score/ranking": site_of_ranking,
 }
-"""What makes a page of which kind of file."""
+"""What is made of each kind of file."""

@@ -1,4 +1,4 @@
-"""`ariac-score rules list|show|validate|diff|check`: what rule sets say, how they differ, laws they keep."""
+"""`ariac-score rules list|show|validate|diff|check`: rule sets, their differences, the laws they keep."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.registry import Registry
+from ariac_score.cli.actions import add_action
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import reprice
+from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.competition import stored_results
 from ariac_score.ranking.rank import rank_results
@@ -30,30 +32,30 @@ from ariac_score.terminal.style import plain
 
 def register(commands: Any) -> None:
     """Add the command and its actions."""
-    parser = commands.add_parser("rules")
+    parser = commands.add_parser("rules", description="List, show, validate, compare and test rule sets.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="the shipped rule sets")
+    listing = add_action(actions, "list", "list the shipped rule sets")
     listing.set_defaults(run=run_list)
-    show = actions.add_parser("show", help="the text of a rule set")
+    show = add_action(actions, "show", "show the text of a rule set")
     show.add_argument("name", metavar="NAME")
-    show.add_argument("--expanded", action="store_true", help="with everything it extends merged in")
+    show.add_argument("--expanded", action="store_true", help="merge in everything it extends")
     show.set_defaults(run=run_show)
-    diff = actions.add_parser("diff", help="what differs between two rule sets")
-    diff.add_argument("first", metavar="A")
-    diff.add_argument("second", metavar="B")
+    diff = add_action(actions, "diff", "show the differences between two rule sets")
+    diff.add_argument("first", metavar="A", help="rule set: a name or a .yaml file")
+    diff.add_argument("second", metavar="B", help="likewise")
     diff.add_argument(
-        "--results", type=Path, metavar="DIR", help="stored results: say whose score and rank would change"
+        "--results", type=Path, metavar="DIR", help="stored results: show whose score and rank would change"
     )
     diff.set_defaults(run=run_diff)
-    validate = actions.add_parser("validate", help="check a rule set and the plugins it names")
+    validate = add_action(actions, "validate", "check a rule set and the plugins it names")
     validate.add_argument("names", metavar="NAME", nargs="+", help="names or .yaml files")
     validate.set_defaults(run=run_validate)
     check = actions.add_parser(
         "check",
-        help="try on random findings whether violations can help, and other laws",
-        description="Try eight laws on thousands of random findings; print which hold, and the smallest "
+        help="test laws on random findings, such as that violations never help",
+        description="Test eight laws on thousands of random findings; print which hold, and the smallest "
         "counter-example found for one that does not. Exit code 1 when one does not hold, even where "
-        "the rule set says so itself under 'breaks'.",
+        "the rule set declares that itself under 'breaks'.",
     )
     check.add_argument(
         "names",
@@ -84,7 +86,7 @@ def run_list(_arguments: argparse.Namespace) -> int:
 
 
 def run_show(arguments: argparse.Namespace) -> int:
-    """Print the rule set as it stands, comments included; or with what it extends."""
+    """Print the text of the rule set, comments included; or merged with what it extends."""
     rule_set = load_rule_set(arguments.name)
     text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
     sys.stdout.write(text)
@@ -92,7 +94,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def run_diff(arguments: argparse.Namespace) -> int:
-    """Print what differs, each place with what only one of the two has; nothing when they are alike."""
+    """Print each place that differs, with what only one of the two has; nothing when they are equal."""
     first, second = load_rule_set(arguments.first), load_rule_set(arguments.second)
     for place, before, after in differences(first.expanded, second.expanded):
         print(place)
@@ -106,10 +108,10 @@ def run_diff(arguments: argparse.Namespace) -> int:
 
 
 def _only_here(value: Any, other: Any) -> Iterator[str]:
-    """What a value has that the other has not, as YAML; of two lists the items, of nothing nothing."""
+    """What a value has and the other has not, as YAML: of two lists the items."""
     if isinstance(value, list) and isinstance(other, list):
         here = [item for item in value if item not in other]
-        alike = not here and all(item in value for item in other)  # but for their order or number
+        alike = not here and all(item in value for item in other)  # except for their order or number
         yield from map(_in_yaml, [value] if alike else here)
     elif value is not None:
         yield _in_yaml(value)
@@ -129,9 +131,9 @@ def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
         return
     if not files:
         raise UsageError(
-            "no stored result is here",
+            "there is no stored result here",
             file=folder,
-            hint="give a folder of results of 'score --output-format json', or what 'rank --results' wrote",
+            hint="give a folder of results that 'score --output-format json' or 'rank --results' wrote",
         )
     for file in files:
         try:
@@ -164,6 +166,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
         prepared.refuse_unknown_quantities()
+        plugins_of_log_map(prepared.log_map, registry)
         rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""

@@ -37,7 +37,7 @@ def register(commands: Any) -> None:
         type=_jobs,
         default=0,
         metavar="N",
-        help="threads that read a recording; 0: one for each processor (default); changes no result",
+        help="threads that read a recording; 0: one for each processor (default); the result is the same",
     )
     add_output(parser)
     parser.set_defaults(run=run)
@@ -50,7 +50,7 @@ def _jobs(text: str) -> int:
 
 
 def add_cohort(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name the values across teams."""
+    """Add the options for the values across teams."""
     parser.add_argument(
         "--cohort",
         type=Path,
@@ -58,12 +58,12 @@ def add_cohort(parser: argparse.ArgumentParser) -> None:
         help="cohort.json of the organisers, for rules that compare teams",
     )
     parser.add_argument(
-        "--cohort-trial", default="", metavar="NAME", help="which trial of the cohort this is, when unclear"
+        "--cohort-trial", default="", metavar="NAME", help="trial of the cohort, where it is not clear which"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Score, show, and say with the exit code whether there is a score."""
+    """Score and show; the exit code is 0 if there is a score."""
     refuse_inputs(arguments.output, arguments.path)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
@@ -77,12 +77,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def load_cohort_of(arguments: argparse.Namespace, rule_set: RuleSet) -> Cohort | None:
-    """The cohort the arguments name, if any."""
+    """The cohort that the arguments name, if any."""
     return None if arguments.cohort is None else load_cohort(arguments.cohort, rule_set)
 
 
 def values_of(cohort: Cohort, arguments: argparse.Namespace, result: Result) -> CohortValues:
-    """The values for the trial the arguments name, or the one the result is of."""
+    """The values for the trial that the arguments name, or for that of the result."""
     if arguments.cohort_trial:
         return cohort.of_trial(arguments.cohort_trial)
     return cohort.of_trial(result.measured.trial, result.measured)

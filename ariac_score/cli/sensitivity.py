@@ -1,4 +1,4 @@
-"""`ariac-score sensitivity RESULT|COMPETITION`: what score and ranks owe to the numbers chosen."""
+"""`ariac-score sensitivity RESULT|COMPETITION`: how score and ranks depend on the chosen numbers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def register(commands: Any) -> None:
     parser = commands.add_parser(
         "sensitivity",
         description="Vary each parameter and weight over its range ('ranges:' in the rules; else half to "
-        "double) and say what it does to the score of a result, or at which values ranks change.",
+        "double) and show how the score of a result changes, or at which values ranks change.",
     )
     parser.add_argument(
         "path",
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], RuleSet, str]:
     result = load_result(arguments.path)
     if result.adjusted is not None:
-        print("what the stewards decided is not varied: this is the automatic score", file=sys.stderr)
+        print("this is the automatic score: decisions of stewards are not varied", file=sys.stderr)
     rule_set = _rules(arguments, result)
     found = score_sensitivity(result, rule_set, registry=Registry(), log=arguments.log)
     return found, rule_set, result.measured.trial
@@ -74,7 +74,7 @@ def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], R
 
 def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity], RuleSet, str]:
     if arguments.log is not None:
-        raise UsageError("--log is for a result", hint="a competition knows the logs of its runs")
+        raise UsageError("--log is for a result", hint="drop it: a competition names the logs of its runs")
     competition = _competition(arguments)
     rule_set = load_rule_set(competition.rules) if competition.rules else _rules_of_stored(competition)
     registry = Registry()

@@ -1,4 +1,4 @@
-"""`ariac-score sign RESULT…`: vouch for results; `--new-key` makes the keys for it."""
+"""`ariac-score sign RESULT…`: sign results with a key; `--new-key` makes one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "sign",
-        description="Sign stored results in the format of minisign: RESULT.minisig is written beside each. "
+        description="Sign stored results in the format of minisign: writes RESULT.minisig for each. "
         "'verify --signature' checks it, and so does 'minisign -V'. Needs the extra 'sign'.",
     )
     parser.add_argument("results", nargs="*", type=Path, metavar="RESULT", help="JSON that 'score' wrote")
@@ -26,15 +26,15 @@ def register(commands: Any) -> None:
         "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
     )
     parser.add_argument(
-        "--new-key", type=Path, metavar="FILE", help="make a secret key, and FILE.pub beside it"
+        "--new-key", type=Path, metavar="FILE", help="make a secret key, and the public one as FILE.pub"
     )
     parser.add_argument(
-        "--comment", default="", metavar="TEXT", help="signed with it; default: the file's name"
+        "--comment", default="", metavar="TEXT", help="comment to sign along; default: the file's name"
     )
     parser.add_argument(
         "--password",
         action="store_true",
-        help="ask for a password on the terminal, to encrypt a new key with",
+        help="ask for a password on the terminal, and encrypt the new key with it",
     )
     parser.set_defaults(run=run)
 
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Make keys, or sign each result."""
     if arguments.new_key is not None:
         if arguments.results:
-            raise UsageError("a new key signs nothing yet", hint="make the key first, then sign with --key")
-        for file in make_keys(arguments.new_key, _asked() if arguments.password else ""):
+            raise UsageError("--new-key takes no results", hint="make the key first, then sign with --key")
+        for file in make_keys(arguments.new_key, _password() if arguments.password else ""):
             print(plain(str(file)))
         return 0
     if arguments.key is None or not arguments.results:
@@ -52,11 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
     signatures = [
         (
             signature_file(result),
-            sign_result(result, arguments.key, comment=arguments.comment, password=_asked),
+            sign_result(result, arguments.key, comment=arguments.comment, password=_password),
         )
         for result in arguments.results
     ]
-    for file, signature in signatures:  # after all of them: none of several stays unsigned unseen
+    for (
+        file,
+        signature,
+    ) in signatures:  # after all are made: a fault in the last one leaves none signed
         _put(file, signature)
         print(plain(str(file)))
     return 0
@@ -66,7 +69,8 @@ def _put(file: Path, signature: bytes) -> None:
     write(signature.decode("ascii"), file)
 
 
-def _asked() -> str:
+def _password() -> str:
+    # `getpass` would read standard input instead, and show the password.
     if not sys.stdin.isatty():
         raise UsageError(
             "the key has a password, and there is no terminal to ask for it",

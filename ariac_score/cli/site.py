@@ -25,16 +25,17 @@ from ariac_score.review.sensitivity import RankSensitivity, rank_sensitivity
 from ariac_score.review.sensitivity_file import load_rank_sensitivity
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, write
+from ariac_score.terminal.style import plain
 
 __all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
 NOW = "now"
-"""`--sensitivity now`: look at it as part of making the site."""
+"""`--sensitivity now`: compute it while making the site."""
 _RANKING = Path("data/ranking.json")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that only a competition has."""
+    """Add the options that only a competition has."""
     parser.add_argument(
         "--rules", default="", metavar="NAME", help="competition: rule set instead of its own"
     )
@@ -45,24 +46,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="competition: adjustments.yaml of the stewards, instead of the competition's own",
     )
     parser.add_argument(
-        "--results", type=Path, metavar="DIR", help="ranking: its results, where they are not where it says"
+        "--results", type=Path, metavar="DIR", help="ranking: folder of its results, if they were moved"
     )
     parser.add_argument(
         "--previous",
         type=Path,
         metavar="OLD",
-        help="competition or ranking: say what changed since this ranking.json, or folder of a site",
+        help="competition or ranking: show what changed since this ranking.json, or folder of a site",
     )
     parser.add_argument(
         "--sensitivity",
         metavar="FILE|now",
         help="competition or ranking: show this output of 'sensitivity --output-format json'; "
-        "'now' finds out, which may take minutes",
+        "'now' computes it, which may take minutes",
     )
 
 
 def refuse_site_arguments(arguments: argparse.Namespace) -> None:
-    """Refuse what only a competition can be given.
+    """Refuse options that only a competition has.
 
     Raises:
         UsageError: One of these options is given.
@@ -102,6 +103,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
     after = ranking.stewarded
+    # The site is made of stored files alone, so that one of a stored ranking is the same.
     with TemporaryDirectory() as folder:
         stored = write_results(ranking, Path(folder), write)
         text = ranking_json(
@@ -126,13 +128,13 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
     publication = load_publication(arguments.result)
     if arguments.sensitivity == NOW:
         raise UsageError(
-            "a stored ranking has no runs to vary anything in",
+            "a stored ranking has no runs to vary parameters of",
             hint="give the output of 'sensitivity COMPETITION --output-format json'",
         )
     if arguments.rules or arguments.adjustments:
         given = "--rules" if arguments.rules else "--adjustments"
         raise UsageError(
-            "a stored ranking has its rules and decisions", hint=f"drop {given}, or give the competition"
+            f"{given} does not apply to a stored ranking", hint="drop it, or give the competition"
         )
     previous = _previous(arguments)
     sensitivity = _sensitivity(arguments, publication.ranking)
@@ -141,7 +143,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
         raise UsageError(
             "the results of this ranking are not here",
             file=folder,
-            hint="say with --results where they are, or rank with --results DIR",
+            hint="give their folder with --results, or rank again with --results DIR",
         )
     _make(arguments.result, folder, out, previous, sensitivity)
     return exit_code(publication.ranking, listed=False)
@@ -150,11 +152,11 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
 def _out(arguments: argparse.Namespace) -> Path:
     out: Path | None = arguments.output
     if out is None:
-        raise UsageError("a competition is a folder of pages", hint="say where with -o FOLDER")
+        raise UsageError("the site of a competition needs a folder", hint="give one with -o FOLDER")
     source = arguments.result.resolve()
     if source.is_dir() and out.resolve() in (source, *source.parents):
         raise UsageError(
-            "the site would be written into what it is made from", file=out, hint="name another folder"
+            "the site would be written into the competition itself", file=out, hint="name another folder"
         )
     return out
 
@@ -193,4 +195,4 @@ def _make(
     site = Site(publication, folder, previous, sensitivity)
     with counting_bar("drawing", len(publication.results)) as step:
         count = write_site(site, out, write, progress=step)
-    print(f"{count} files in {out}; open {out / 'index.html'}", file=sys.stderr)
+    print(plain(f"{count} files in {out}; open {out / 'index.html'}"), file=sys.stderr)

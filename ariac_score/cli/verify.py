@@ -1,4 +1,4 @@
-"""`ariac-score verify RESULT`: does a stored result hold, alone and against its log?"""
+"""`ariac-score verify RESULT`: check a stored result, alone or against its log."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "verify",
-        description="Check schema, sums, hashes and versions of a stored result; with its log compute "
+        description="Check schema, sums, hashes and versions of a stored result; with its log, also compute "
         "everything again and compare to the byte. Exit code 0: it holds; 1: something does not.",
     )
     parser.add_argument(
@@ -35,13 +35,13 @@ def register(commands: Any) -> None:
         metavar="PATH",
         help="what it was scored from: a log, a bundle, or the competition it is a run of",
     )
-    parser.add_argument("--rules", default="", metavar="NAME", help="the rule set it should be by")
+    parser.add_argument("--rules", default="", metavar="NAME", help="rule set that it should be scored by")
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     parser.add_argument(
         "--adjustments",
         type=Path,
         metavar="FILE",
-        help="adjustments.yaml that an adjusted result should be by",
+        help="adjustments.yaml that an adjusted result should follow",
     )
     parser.add_argument(
         "--signature",
@@ -49,17 +49,17 @@ def register(commands: Any) -> None:
         type=Path,
         const=True,
         metavar="FILE",
-        help="check who vouches for it; by default the signature beside it, RESULT.minisig",
+        help="check its signature; default: RESULT.minisig",
     )
     parser.add_argument(
-        "--public-key", default="", metavar="KEY", help="whose signature: a file, or the key itself"
+        "--public-key", default="", metavar="KEY", help="key of the signature: a file, or the key itself"
     )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Verify, show every step, and say with the exit code whether all of them hold."""
+    """Verify and show every step; the exit code is 0 if all of them hold."""
     found = verify_result(
         arguments.result,
         log=arguments.log,
@@ -78,12 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verification:
-    """The same with one step more: whether the owner of the key vouches for these bytes."""
+    """The same with a step for the signature."""
     if not arguments.public_key:
-        raise UsageError("nothing says whose signature it should be", hint="name the key with --public-key")
+        raise UsageError("a signature is checked with a key", hint="name the key with --public-key")
     file = arguments.signature if isinstance(arguments.signature, Path) else None
-    holds, words = check_signature(arguments.result, arguments.public_key, file)
-    return replace(found, steps=(*found.steps, Step("signature", OK if holds else FAILED, words)))
+    holds, reason = check_signature(arguments.result, arguments.public_key, file)
+    return replace(found, steps=(*found.steps, Step("signature", OK if holds else FAILED, reason)))
 
 
 def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:

@@ -59,6 +59,7 @@ def _folder(package: str) -> Path:
 @cache
 def _validator(name: str, definition: str) -> Draft202012Validator:
     whole = schema(name)
+    # A definition may refer to others, so the part needs all of them.
     part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
     return Draft202012Validator(part)
 

@@ -137,7 +137,7 @@ def parse_yaml(
 ) -> YamlDocument:
     """Load YAML from bytes; see `load_yaml`."""
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-8-sig")  # editors on Windows put a mark before the text
     except UnicodeDecodeError as cause:
         raise error(
             "not UTF-8 text", file=file, place=f"byte {cause.start}", hint="save it as UTF-8"

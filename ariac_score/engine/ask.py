@@ -10,7 +10,7 @@ from typing import Any
 
 from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Charting, Margined, Monitor, Rule
-from ariac_score.checks.findings import Finding, settled
+from ariac_score.checks.findings import Finding, Verdict, settled
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
 from ariac_score.errors import MissingSignalError, PluginError
@@ -53,7 +53,8 @@ def ask(
             goes to standard error.
 
     Raises:
-        PluginError: The plugin raised, yielded nothing or something else, or changed the trial.
+        PluginError: The plugin raised, yielded nothing, something else or a contradiction, or changed the
+            trial.
     """
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
@@ -64,6 +65,8 @@ def ask(
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
+                if contradiction := _contradiction(finding):
+                    raise broken(plugin, contradiction, of=name)
                 findings.append(finding)
         except MissingSignalError as missing:
             findings.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
@@ -79,7 +82,7 @@ def ask(
             f"longer than its budget of {allowed_s:g} s\n"
         )
     if _marks(trial) != before:
-        raise broken(plugin, "changed the trial it was asked about", of=name)
+        raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     units = _units(plugin, name, findings)
@@ -106,7 +109,7 @@ def margins_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Char
 
 
 def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]], trial: Trial) -> list[Chart]:
-    trial = replace(trial)
+    trial = replace(trial)  # its own, as in `ask`
     before = _marks(trial)
     try:
         with quiet(plugin.origin):
@@ -115,14 +118,23 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
         return []
     except (Exception, SystemExit) as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} when asked what it saw: {cause}", of=name
+            plugin, f"raised {type(cause).__name__} when it gave its charts: {cause}", of=name
         ) from cause
     if _marks(trial) != before:
-        raise broken(plugin, "changed the trial it was asked about", of=name)
+        raise broken(plugin, "changed the trial it was given", of=name)
     for chart in charts:
         if not isinstance(chart, Chart):
             raise broken(plugin, f"shows a {type(chart).__name__} instead of a Chart", of=name)
     return charts
+
+
+def _contradiction(finding: Finding) -> str:
+    """What is wrong with a violation whose margin says that the limit was kept; empty for anything else."""
+    margin = finding.robustness
+    # Not the other way round: a limit that was broken too briefly to count is satisfied by less than 0.
+    if finding.verdict is not Verdict.VIOLATED or margin is None or not margin > 0:
+        return ""
+    return f"finds {finding.subject!r} violated by a margin of {margin:+g}, but a violation has none above 0"
 
 
 def _units(plugin: Plugin, name: str, findings: Iterable[Finding]) -> dict[str, str]:

@@ -140,7 +140,7 @@ def prepare(
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks)
-    prepared.refuse_other_units()
+    prepared.refuse_other_units()  # before a log is read, which may take minutes
     return prepared
 
 

@@ -8,12 +8,12 @@ from ariac_score.checks.findings import Finding
 from ariac_score.engine.measure import stored_findings, stored_name
 from ariac_score.engine.provenance import engine_code
 from ariac_score.errors import FormulaError, RuleSetError
-from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result, Settings
+from ariac_score.results.result import CheckUse, Code, Measured, Pinned, Provenance, Result, Settings
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 
-__all__ = ["price_trial", "reprice"]
+__all__ = ["check_uses", "price_trial", "reprice"]
 
 
 def price_trial(
@@ -47,15 +47,7 @@ def price_trial(
     return Result(
         measured=measured,
         rule_set_title=rule_set.title,
-        checks={
-            check.name: {
-                "use": check.use,
-                "with": dict(check.parameters),
-                "on_inconclusive": check.on_inconclusive,
-                "priced": check.name in rule_set.sheet.priced,
-            }
-            for check in rule_set.checks.values()
-        },
+        checks=check_uses(rule_set),
         notes=rule_set.notes,
         rules=expanded_yaml(rule_set),
         status=priced.status,
@@ -69,6 +61,19 @@ def price_trial(
         cohort=cohort,
         missing=priced.missing,
     )
+
+
+def check_uses(rule_set: RuleSet) -> dict[str, CheckUse]:
+    """The checks of a rule set as a result lists them, by name."""
+    return {
+        check.name: {
+            "use": check.use,
+            "with": dict(check.parameters),
+            "on_inconclusive": check.on_inconclusive,
+            "priced": check.name in rule_set.sheet.priced,
+        }
+        for check in rule_set.checks.values()
+    }
 
 
 def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = None) -> Result:

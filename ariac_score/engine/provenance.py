@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event
 
-from ariac_score.checks.registry import package_sha256
+from ariac_score.checks.registry import Plugin, package_sha256
 from ariac_score.engine.prepared import Prepared
-from ariac_score.errors import LogError
+from ariac_score.engine.read import kit_plugin
+from ariac_score.errors import LogError, PluginError
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
 from ariac_score.results.result import Code, Pinned, Provenance, Source
@@ -48,17 +49,28 @@ def hashing_files(bundle: Bundle, *, threaded: bool) -> Iterator[Callable[[], tu
             stopped.set()
 
 
-def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared) -> Provenance:
-    """What a result rests on: its inputs, its rules, and the packages of all plugins that took part."""
+def provenance_of(
+    bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared, competitions: Sequence[Plugin] = ()
+) -> Provenance:
+    """What a result rests on: its inputs, its rules, and the packages of all plugins that took part.
+
+    Args:
+        bundle: What was read.
+        inputs: Its files with their hashes.
+        prepared: By what it was scored.
+        competitions: The competitions that named defects of the trial.
+    """
     rule_set, log_map, registry = prepared.rule_set, prepared.log_map, prepared.registry
-    plugins = [each.plugin for each in prepared.checks.values()]
+    plugins = [*(each.plugin for each in prepared.checks.values()), *competitions]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
         registry.find("ariac_score.decoders", channel.decoder)
         for channel in log_map.channels
         if channel.decoder
     ]
-    packages = {(p.distribution, p.version, p.package) for p in plugins}
+    finder = kit_plugin(log_map, registry)
+    plugins += [finder] if finder else []
+    packages = {_package(plugin) for plugin in plugins}
     return Provenance(
         inputs=inputs,
         ignored=tuple(sorted(bundle.ignored)),
@@ -73,14 +85,30 @@ def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared
 def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     """All code a measurement may depend on: distribution, version, package, SHA-256.
 
-    That is the engine, the plugins of the checks, and every reader and decoder: which of them
-    take part is known only when the log is read.
+    That is the engine, the plugins of the checks, and every reader, decoder, kit finder and
+    competition: which of them take part is known only when the log is read.
     """
-    registry = prepared.registry
-    plugins = [each.plugin for each in prepared.checks.values()]
-    plugins += [p for group in ("ariac_score.readers", "ariac_score.decoders") for p in registry.all(group)]
-    packages = {(p.distribution, p.version, p.package) for p in plugins}
-    return tuple(sorted({engine_code(), *((d, v, p, package_sha256(p)) for d, v, p in packages)}))
+    certain = {_package(each.plugin) for each in prepared.checks.values()}
+    possible = {_package(p) for group in _PERHAPS for p in prepared.registry.all(group)} - certain
+    found = {engine_code(), *((*package, package_sha256(package[2])) for package in certain)}
+    for package in possible:
+        # What cannot be imported takes no part; a run that needs it fails, and says why.
+        with suppress(PluginError):
+            found.add((*package, package_sha256(package[2])))
+    return tuple(sorted(found))
+
+
+_PERHAPS = (
+    "ariac_score.readers",
+    "ariac_score.decoders",
+    "ariac_score.kits",
+    "ariac_score.competitions",
+)
+"""Groups of plugins of which the log decides whether they take part."""
+
+
+def _package(plugin: Plugin) -> tuple[str, str, str]:
+    return plugin.distribution, plugin.version, plugin.package
 
 
 def file_hashes(bundle: Bundle, stopped: Event | None = None) -> tuple[Source, ...]:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ariac_score.checks.contracts import Decoder, KitFinder, Likening, Reader, Wanted
-from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, open_readers
-from ariac_score.checks.registry import Registry
+from ariac_score.checks.contracts import Competition, Decoder, KitFinder, Likening, Reader, Wanted
+from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     DataFileError,
@@ -23,11 +23,13 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.kits import with_contents
-from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score.trial.model import LogDefect, TeamSetup, Trial
 
 __all__ = [
     "find_trial",
+    "kit_plugin",
     "no_progress",
+    "plugins_of_log_map",
     "read_needed",
     "read_trial",
     "refuse_other_years",
@@ -74,14 +76,40 @@ def with_names(trial: Trial, trial_id: str, team: str) -> Trial:
     return replace(trial, id=trial_id or trial.id, team=setup)
 
 
-def with_unknown_products(trial: Trial, rule_set: RuleSet, registry: Registry) -> Trial:
-    """The trial with unknown product types among its defects, unless its reader has named them already."""
+def with_unknown_products(
+    trial: Trial, rule_set: RuleSet, registry: Registry
+) -> tuple[Trial, tuple[Plugin, ...]]:
+    """The trial with unknown product types among its defects, and the competitions that named them.
+
+    Where its reader has named them already, no competition is asked.
+
+    Raises:
+        PluginError: A competition is provided twice, or one that the rules come with is broken.
+    """
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
     if named or rule_set.edition is None:
-        return trial
-    competitions = (plugin.build({}) for plugin in registry.all("ariac_score.competitions"))
-    unknown = [d for each in competitions for d in each.unknown_products(trial.orders, rule_set.edition)]
-    return replace(trial, log_defects=(*trial.log_defects, *unknown))
+        return trial, ()
+    own = {registry.find(check.group, check.use).distribution for check in rule_set.checks.values()}
+    unknown: dict[Plugin, tuple[LogDefect, ...]] = {}
+    for name in registry.names("ariac_score.competitions"):
+        plugin = registry.find("ariac_score.competitions", name)
+        try:
+            unknown[plugin] = _unknown_products(plugin, trial, rule_set.edition)
+        except PluginError:
+            # One that brings no check of these rules is about other editions, of which it would say nothing.
+            if plugin.distribution in own:
+                raise
+    defects = [defect for found in unknown.values() for defect in found]
+    takes_part = tuple(plugin for plugin, found in unknown.items() if found)
+    return replace(trial, log_defects=(*trial.log_defects, *defects)), takes_part
+
+
+def _unknown_products(plugin: Plugin, trial: Trial, edition: int) -> tuple[LogDefect, ...]:
+    competition: Competition = plugin.build({})
+    try:
+        return tuple(competition.unknown_products(trial.orders, edition))
+    except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
+        raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
 
 
 def topics_read(prepared: Prepared) -> frozenset[str]:
@@ -136,14 +164,8 @@ def read_trial(
         LogError: A part is damaged, or two parts contradict each other.
         NothingToScoreError: There is configuration but no record of a trial, or no order.
     """
-    decoders, kits = _decoders(log_map, registry), _kit_finder(log_map, registry)
-    if not any(part.role in ("log", "official") for part in bundle.parts):
-        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
-        raise NothingToScoreError(
-            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
-            file=bundle.root,
-            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
-        )
+    decoders, kits = plugins_of_log_map(log_map, registry)
+    _refuse_without_record(bundle)
     sources = source_quantities(quantities)
     trials = []
     for number, part in enumerate(bundle.parts):
@@ -172,6 +194,16 @@ def read_trial(
         )
     progress(1.0)
     return trial
+
+
+def _refuse_without_record(bundle: Bundle) -> None:
+    if not any(part.role in ("log", "official") for part in bundle.parts):
+        ignored = f"; not read: {', '.join(bundle.ignored[:5])}" if bundle.ignored else ""
+        raise NothingToScoreError(
+            f"{bundle.id}: there is a configuration but no log of a trial{ignored}",
+            file=bundle.root,
+            hint="add the log the trial wrote: a bag, a state.log, a performance.log or a .jsonl",
+        )
 
 
 def read_needed(
@@ -209,6 +241,15 @@ def read_needed(
     )
 
 
+def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], KitFinder | None]:
+    """The decoders that a log map names, by name, and what finds kits for it.
+
+    Raises:
+        LogMapError: One of them is not installed, or cannot be built.
+    """
+    return _decoders(log_map, registry), _kit_finder(log_map, registry)
+
+
 def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
     """The decoders that a log map names, by name."""
     decoders: dict[str, Decoder] = {}
@@ -221,22 +262,33 @@ def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
     return decoders
 
 
-def _kit_finder(log_map: LogMap, registry: Registry) -> KitFinder | None:
+def kit_plugin(log_map: LogMap, registry: Registry) -> Plugin | None:
     """The plugin that finds kits in poses, where the log map says where trays lie.
 
     A log map need not name it where only one is installed.
+
+    Raises:
+        LogMapError: It is named by none, or not installed.
     """
     if not log_map.kits.trays:
         return None
     names = registry.names("ariac_score.kits")
+    if not log_map.kits.use and len(names) != 1:
+        raise LogMapError(
+            f"'kits' does not say which plugin finds them; installed: {', '.join(names) or 'none'}",
+            file=log_map.id,
+            hint="add 'use:' to the section, with the name of one of group ariac_score.kits",
+        )
     try:
-        if not log_map.kits.use and len(names) != 1:
-            raise LogMapError(
-                f"'kits' does not say which plugin finds them; installed: {', '.join(names) or 'none'}",
-                file=log_map.id,
-                hint="add 'use:' to the section, with the name of one of group ariac_score.kits",
-            )
-        finder: KitFinder = registry.find("ariac_score.kits", log_map.kits.use or names[0]).build({})
+        return registry.find("ariac_score.kits", log_map.kits.use or names[0])
+    except PluginError as error:
+        raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+
+
+def _kit_finder(log_map: LogMap, registry: Registry) -> KitFinder | None:
+    plugin = kit_plugin(log_map, registry)
+    try:
+        finder: KitFinder | None = plugin.build({}) if plugin else None
     except PluginError as error:
         raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
     return finder

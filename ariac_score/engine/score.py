@@ -77,7 +77,8 @@ def score_trial(
     refuse_other_years(bundle, readers, rule_set)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
-        trial = with_unknown_products(with_names(trial, trial_id, team), rule_set, registry)
+        trial = with_names(trial, trial_id, team)
+        trial, competitions = with_unknown_products(trial, rule_set, registry)
         trial = prepared.derived(trial)
         measured = measure_trial(trial, prepared, known=known)
         sketch = sketch_trial(trial, prepared, measured)
@@ -85,7 +86,7 @@ def score_trial(
     refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
-    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared))
+    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, competitions))
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:

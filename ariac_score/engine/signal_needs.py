@@ -28,7 +28,7 @@ def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
             needs = list(stated)
     except (Exception, SystemExit) as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} when asked what it needs: {cause}", of=name
+            plugin, f"raised {type(cause).__name__} when it stated its needs: {cause}", of=name
         ) from cause
     for need in needs:
         if not isinstance(need, SignalNeed):

@@ -218,7 +218,7 @@ class _Topic:
         for type_, decoder in self.decoders:
             try:
                 item = decoder.decode(type_, fields_of(event), t_s)
-            except (ValueError, AttributeError):
+            except (ValueError, AttributeError):  # fields of another type, as for a damaged log
                 continue
             if isinstance(item, Happened):
                 found.append(item)

@@ -149,6 +149,7 @@ class Oracle:
                     self.refused += 1
                     client.close()
                     continue
+                # A daemon: a client that never closes may not keep the process alive.
                 thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
                 self._threads.add(thread)
                 thread.start()
@@ -291,7 +292,9 @@ class _Wire:
         self.protocol, self.ended = protocol, False
         self._socket, self._late = client, late
         client.settimeout(_LOOK_EVERY_S)
+        # A reply is smaller than a packet and would be held back, and the monitor waits for it.
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # A machine that was switched off sends no end; without this its connection would stay for ever.
         client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     @property

@@ -188,7 +188,7 @@ def zipped(files: Mapping[str, bytes]) -> bytes:
         for name, content in files.items():
             info = zipfile.ZipInfo(name, PACKED_STAMP)
             info.compress_type = zipfile.ZIP_DEFLATED
-            info.external_attr = 0o644 << 16
+            info.external_attr = 0o644 << 16  # by default only the owner could read it
             packed.writestr(info, content)
     return out.getvalue()
 

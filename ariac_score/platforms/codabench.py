@@ -453,7 +453,7 @@ def pack(paths: Sequence[Path], output: Path) -> int:
             for name, file in members:
                 info = zipfile.ZipInfo(name, PACKED_STAMP)
                 info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = 0o644 << 16
+                info.external_attr = 0o644 << 16  # by default only the owner could read it
                 with file.open("rb") as source, packed.open(info, "w", force_zip64=True) as out:
                     shutil.copyfileobj(source, out, 1 << 20)
         temporary.replace(output)
@@ -496,6 +496,7 @@ def score(inputs: Path, output: Path) -> int:
 
     try:
         output.mkdir(parents=True, exist_ok=True)
+        # The page first: it is all that a participant sees of a scorer that fails.
         _write(output / "detailed_results.html", progress_page(()))
         phase = load_phase(inputs / "ref")
         with tempfile.TemporaryDirectory(prefix="ariac-score-") as work:
@@ -583,4 +584,5 @@ def _predict(submission: Path, folder: Path) -> None:
     result.mkdir(parents=True)
     if not any((unpacked / name).exists() for name in _RESERVED):
         shutil.copytree(unpacked, result, dirs_exist_ok=True)
+    # The worker puts it among the files of the submission, where the scorer has to skip it.
     (result / "metadata").write_text("exitCode: 0\nelapsedTime: 0.1\n", encoding="utf-8")

@@ -62,8 +62,8 @@ EMPTY = (
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")
 _NESTED = 4
 """Archives inside one another."""
-BEGUN_WITHIN = 0.9
-"""Share of the time of one run in which all must have begun; a bundle grants a submission twice that time."""
+STARTED_WITHIN = 0.9
+"""Share of the time of one run in which all runs must start; a bundle grants a submission twice that time."""
 _OF_THE_WORKER = ("metadata",)
 """Files that the platform's worker puts among those of a submission."""
 
@@ -77,7 +77,7 @@ class PhaseDescription:
 
     Attributes:
         phase: Its name.
-        rule_set: The rules in the file beside it.
+        rule_set: The rules in `ruleset.yaml`.
         limits: For each run.
         trials: The name of each trial's configuration, relative to the folder; empty without one.
     """
@@ -255,7 +255,7 @@ def score_submission(
         return _nothing(phase, EMPTY)
     results: dict[tuple[str, str, int], Result | ScoreError] = {}
     late: list[RunTask] = []
-    in_time = _in_time(tasks, phase.setting.limits.wall_s * BEGUN_WITHIN, late)
+    in_time = _in_time(tasks, phase.setting.limits.wall_s * STARTED_WITHIN, late)
     for done in LocalExecutor(jobs or usable_cores(), None, work).run(in_time, phase.setting):
         _refuse_fault_of_ours(done)
         results[done.task.key] = _result_of(done, work)

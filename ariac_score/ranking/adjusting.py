@@ -115,6 +115,8 @@ def _changed(
 def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
     if adjusted.disqualified:
         return "disqualified"
+    # A crashed run that stewards give a score counts as any scored run; points alone leave it crashed.
+    # An undecided one has a score as soon as all that withheld it is decided.
     decided = adjusted.score is not None and (
         run.outcome == "undecided" or any(a.score is not None for a in adjusted.adjustments)
     )

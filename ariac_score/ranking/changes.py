@@ -127,6 +127,7 @@ def _runs(before: Publication, now: Publication) -> Iterator[RunChange]:
             yield RunChange(key, "gone" if is_now is None else "new", _worth(was), _worth(is_now))
         elif (was.score, was.outcome, was.kept) != (is_now.score, is_now.outcome, is_now.kept):
             yield RunChange(key, "changed", _worth(was), _worth(is_now))
+        # The same score from another log is worth knowing too: somebody replaced a recording.
         elif before.inputs.get(key) != now.inputs.get(key):
             yield RunChange(key, "scored from other files", _worth(was), _worth(is_now))
 

@@ -166,14 +166,9 @@ def _from_file(file: Path, rules: str) -> Competition:
     data, root = document.data, file.parent
     _refuse_twice(document, "teams")
     _refuse_twice(document, "trials")
-    declared = [entry["id"] for entry in data.get("teams", [])], [e["id"] for e in data.get("trials", [])]
-    if isinstance(data["runs"], str):
-        found, strangers = _matching(root, data["runs"], *declared, document=document)
-    elif isinstance(data["runs"], list):
-        found, strangers = _listed(document, root, *declared), ()
-    else:
-        found, strangers = _stored(document, root, *declared)
+    found, strangers = _found(document, root)
     teams = [_team(document, root, i, entry) for i, entry in enumerate(data.get("teams", []))]
+    # Teams and trials that are not listed are those that have runs; a team without any must be listed.
     teams = teams or [_plain_team(document, root, name) for name in sorted({run.team for run in found})]
     trials = [_trial(document, root, i, entry) for i, entry in enumerate(data.get("trials", []))]
     trials = trials or [_plain_trial(document, root, name) for name in sorted({run.trial for run in found})]
@@ -199,6 +194,18 @@ def _from_file(file: Path, rules: str) -> Competition:
         if "adjustments" in data
         else None,
     )
+
+
+def _found(document: YamlDocument, root: Path) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """The runs that `runs:` names, and what lies among them and is no run of a listed team and trial."""
+    data = document.data
+    teams = [entry["id"] for entry in data.get("teams", [])]
+    trials = [entry["id"] for entry in data.get("trials", [])]
+    if isinstance(data["runs"], str):
+        return _matching(root, data["runs"], teams, trials, document=document)
+    if isinstance(data["runs"], list):
+        return _listed(document, root, teams, trials), ()
+    return _stored(document, root, teams, trials)
 
 
 def _logs_folder(root: Path, pattern: object) -> Path | None:
@@ -265,7 +272,12 @@ def _filled(pattern: str, **names: str) -> str:
 
 
 def _inside(document: YamlDocument, root: Path, name: str, place: Sequence[str | int]) -> Path:
-    """A path of the file, which may not lead out of its folder."""
+    """A path of the file, which may not lead out of its folder.
+
+    Raises:
+        DataFileError: It does.
+    """
+    # A competition may come from somewhere else, and with it its paths and links.
     plain = PurePosixPath(name)
     path = root / name
     if plain.is_absolute() or ".." in plain.parts or "\0" in name or not _is_below(path, root):
@@ -436,6 +448,7 @@ def _first(root: Path, patterns: Sequence[str], **names: str) -> Path | None:
 def _search(
     root: Path, pattern: str, teams: Sequence[str], trials: Sequence[str]
 ) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    # The trial's name takes all it can, so that in `kit_1_2` the run is what follows the last underscore.
     parts = PurePosixPath(pattern).parts
     expression = re.escape(PurePosixPath(pattern).as_posix())
     for key, group in _FIELDS.items():

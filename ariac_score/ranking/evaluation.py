@@ -34,7 +34,12 @@ GROUP = "ariac_score.evaluations"
 
 @dataclass(frozen=True)
 class OrderPlan:
-    """An order of the trial file: its id and whether it is a priority order."""
+    """An order of the trial file.
+
+    Attributes:
+        id: As in the file.
+        priority: Whether it is a priority order.
+    """
 
     id: str
     priority: bool
@@ -172,6 +177,7 @@ def _planned(
             hint="add trials/<trial>.yaml, or 'config:' to the trial",
         )
     readers, _ = open_readers(registry)
+    # Any reader that knows the file: only a plugin knows how an edition writes its trials.
     reader = next((r for _, r in sorted(readers.items()) if r.can_read(trial.config)), None)
     if reader is None:
         raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")

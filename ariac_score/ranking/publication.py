@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-from msgspec import Meta, Struct, convert
+from msgspec import UNSET, Meta, Struct, UnsetType, convert
 
 from ariac_score.errors import DataFileError
 from ariac_score.ranking.compare import RankingDifference
@@ -21,7 +21,7 @@ from ariac_score.ranking.statistics import Statistics
 from ariac_score.results.codec import Format
 from ariac_score.results.cohort_file import Cohort
 from ariac_score.results.result import Pinned, Sha256
-from ariac_score.results.result_file import decision_from_1
+from ariac_score.results.result_file import Decision1, decision_from_1
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.steward import Adjustment
 
@@ -295,6 +295,7 @@ def ranking_json(
                 sha256=after.sha256,
                 adjustments=after.adjustments,
                 standings=after.ranking.standings,
+                # Results are automatic and stand with the automatic runs.
                 runs=tuple(_run(run, None) for run in after.ranking.runs),
                 worst=after.ranking.worst,
                 statistics=adjusted,
@@ -351,6 +352,45 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
 
 
 # The version before ----------------------------------------------------------------------
+
+
+class _Pair2(Struct, frozen=True):
+    interval: tuple[float, float] | UnsetType = UNSET
+    joint_interval: tuple[float, float] | UnsetType = UNSET
+
+
+class _Statistics2(Struct, frozen=True):
+    resampled: str | None = None
+    pairs: tuple[_Pair2, ...] | UnsetType = UNSET
+
+
+class _Line2(Struct, frozen=True):
+    team: str | UnsetType = UNSET
+    score: float | UnsetType = UNSET
+
+
+class _Strict2(Struct, frozen=True):
+    leaderboard: tuple[_Line2, ...] | UnsetType = UNSET
+
+
+class _Run2(Struct, frozen=True):
+    reason: str | UnsetType = UNSET
+
+
+class _Adjusted2(Struct, frozen=True):
+    adjustments: tuple[Decision1, ...] | UnsetType = UNSET
+    runs: tuple[_Run2, ...] | UnsetType = UNSET
+    statistics: _Statistics2 | None = None
+
+
+class _Ranking2(Struct, frozen=True):
+    """What `_from_2` relies on; a key that is missing is named by it."""
+
+    results: str | None = None
+    cohort: dict[str, Any] | None = None
+    statistics: _Statistics2 | None = None
+    strict: _Strict2 | None = None
+    adjusted: _Adjusted2 | None = None
 
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
@@ -417,7 +457,14 @@ def _pair_from_2(pair: Mapping[str, Any]) -> dict[str, Any]:
     return {**pair, "low": low, "high": high, "joint_low": joint_low, "joint_high": joint_high}
 
 
-PUBLICATION = Format("ranking", 3, Publication, before={2: _from_2}, made_by="'rank --output-format json'")
+PUBLICATION = Format(
+    "ranking",
+    3,
+    Publication,
+    before={2: _from_2},
+    shapes={2: _Ranking2},
+    made_by="'rank --output-format json'",
+)
 """How a ranking is stored."""
 
 

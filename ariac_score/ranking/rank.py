@@ -62,6 +62,7 @@ OUTCOMES: Mapping[str, str] = {
 }
 """How a run, or a team's trial, can end."""
 Outcome = Annotated[str, Meta(pattern=f"^({'|'.join(OUTCOMES)})$")]
+# Without "aborted": such a run has a score, and that stands.
 _AS_ZERO = ("crashed", "cancelled", "disqualified")
 
 
@@ -217,6 +218,7 @@ def rank_results(
         rule_set: The rule set that prices the results.
         results: For each run its result, or why there is none.
     """
+    # Kept runs make the cohort, and the cohort prices runs: runs are chosen before, by what needs none.
     outcomes = [_outcome(key, result, rule_set, spec) for key, result in sorted(results.items())]
     outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
     kept = _kept(outcomes, spec)
@@ -364,6 +366,8 @@ def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], t
 
 def merit(run: RunOutcome, spec: Spec) -> tuple[bool, list[tuple[int, float | Decimal]], int]:
     """The sort key of the runs of a team and trial: best first, runs that only count 0 last."""
+    # A crashed run counts 0, which is more than a run with penalties may have: by its score alone it
+    # would be kept in place of one that drove.
     own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
     return run.outcome in _AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
 
@@ -478,6 +482,7 @@ def _at_zero(run: RunOutcome) -> RunOutcome:
 def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -> Cell:
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
+        # The reason shown is that of the first run that went wrong, not of one that merely was not kept.
         why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
         outcome, cause = (why.outcome, why.cause) if why else ("no_run", OUTCOMES["no_run"])
         return Cell(worst, outcome, _counting(cause, worst) if worst else cause, (), len(runs))
@@ -492,7 +497,8 @@ def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -
 
 
 def cell_digits(spec: Spec, digits: int) -> int:
-    """Decimal digits of what a trial brings a team: those of a run, or more for a mean."""
+    """Decimal digits of the score of a team in a trial: those of a run, or more for a mean."""
+    # A mean has more digits than its scores; 9 are the most that a rule set may declare.
     return digits if spec.keep == 1 else max(digits, 9)
 
 
@@ -546,7 +552,7 @@ def _places(teams: Sequence[Mapping[str, Cell]], spec: Spec) -> list[tuple[int, 
         scored = [cells[trial].score for cells in teams if is_scored(cells[trial])]
         for own, cells in zip(counts, teams, strict=True):
             score = cells[trial].score
-            if is_scored(cells[trial]):
+            if is_scored(cells[trial]):  # a trial without a run is no place, not even the last
                 own[sum(1 for s in scored if (s > score if spec.more_is_better else s < score))] += 1
     return [tuple(own) for own in counts]
 
@@ -559,6 +565,7 @@ def is_scored(cell: Cell) -> bool:
 def _judges(team: Team, spec: Spec) -> Decimal | None:
     if not team.judges:
         return None
+    # From its shortest text, for the float 4.1 is a little less than 4.1 and sums of marks decide ties.
     marks = [Decimal(repr(mark)) for judge in team.judges for mark in judge]
     total = sum(marks, Decimal(0))
     return total if spec.judges == "sum" else total / len(team.judges)
@@ -622,7 +629,7 @@ def _ranked(found: Sequence[TeamRank], spec: Spec) -> tuple[TeamRank, ...]:
         differ = [name for name, before, own in pairs if before != own]
         if standing.value is None:
             ranked.append(standing)
-        elif ranked and not differ:
+        elif ranked and not differ:  # the next rank counts those who share: 1, 2, 2, 4
             ranked.append(replace(standing, rank=ranked[-1].rank))
         else:
             ranked.append(replace(standing, rank=position, separated_by=differ[0] if differ else ""))

@@ -111,15 +111,9 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         digits: Decimal digits of a score.
     """
     standings = [standing for standing in ranking.standings if standing.value is not None]
-    teams = {standing.team: number for number, standing in enumerate(standings)}
-    trials = {trial: number for number, trial in enumerate(ranking.trials)}
-    groups: dict[tuple[int, int], list[RunOutcome]] = {}
-    for run in ranking.runs:
-        cell = (teams.get(run.team), trials.get(run.trial))
-        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
-        if cell[0] is not None and cell[1] is not None and known:
-            groups.setdefault((cell[0], cell[1]), []).append(run)
-    groups = {key: sorted(runs, key=lambda run: merit(run, spec)) for key, runs in groups.items()}
+    teams = [standing.team for standing in standings]
+    trials = ranking.trials
+    groups = _by_cell(ranking.runs, teams, trials, spec)
     own = [[standing.trials[trial] for trial in ranking.trials] for standing in standings]
     most = max((len(runs) for runs in groups.values()), default=0)
     digits = _affordable(groups, cell_digits(spec, digits), len(trials), spec.keep)
@@ -151,6 +145,21 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
     )
 
 
+def _by_cell(
+    runs: Sequence[RunOutcome], teams: Sequence[str], trials: Sequence[str], spec: Spec
+) -> dict[tuple[int, int], list[RunOutcome]]:
+    """The runs with a score by number of team and trial, the best first."""
+    teams_at = {team: number for number, team in enumerate(teams)}
+    trials_at = {trial: number for number, trial in enumerate(trials)}
+    groups: dict[tuple[int, int], list[RunOutcome]] = {}
+    for run in runs:
+        team, trial = teams_at.get(run.team), trials_at.get(run.trial)
+        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
+        if team is not None and trial is not None and known:
+            groups.setdefault((team, trial), []).append(run)
+    return {cell: sorted(own, key=lambda run: merit(run, spec)) for cell, own in groups.items()}
+
+
 def _affordable(
     groups: Mapping[tuple[int, int], Sequence[RunOutcome]], digits: int, trials: int, keep: int
 ) -> int:
@@ -164,6 +173,7 @@ def _affordable(
 
 
 def _units(amount: Decimal, digits: int) -> int:
+    # Half to even, as scores and means are rounded when they are published.
     return int(amount.scaleb(digits).quantize(Decimal(1), rounding=ROUND_HALF_EVEN))
 
 
@@ -294,6 +304,7 @@ class _Sampler:
 
     def _chosen(self, size: int) -> IntArray:
         """For each place of a competition the trial drawn for it, shape (trials, size)."""
+        # The same trials for all teams: an easy one is easy for everybody and must not part them.
         if self.of_trials:
             return self.bits.below(np.full((self.trials, size), self.trials, dtype=np.int64))
         return np.repeat(np.arange(self.trials)[:, None], size, axis=1)
@@ -306,6 +317,7 @@ class _Sampler:
             return []
         best = [np.full(counts.shape, self.most, dtype=kind) for _ in range(min(self.spec.keep, self.most))]
         for run in range(self.most):
+            # Runs are numbered by merit, so the best of those drawn are the smallest numbers.
             drawn = self.bits.below(counts).astype(kind)
             if not self.even:
                 drawn[counts <= run] = self.most
@@ -335,7 +347,7 @@ class _Sampler:
         return np.clip(counts, 1, self.spec.keep)
 
     def _behind(self, cells: IntArray, made: NDArray[np.bool_]) -> IntArray:
-        """A trial without a run is worth 0, or what the worst team got in this draw."""
+        """A trial without a run counts 0, or the score of the worst team in this draw."""
         if self.spec.more_is_better:
             worst = np.where(made, cells, 0).min(axis=0)
             return np.where(made, cells, np.minimum(worst, 0))

@@ -76,6 +76,7 @@ def score_runs(
             results[run.key] = result if sketches else without_sketch(result)
         except ScoreError as error:
             results[run.key] = _within(error, competition.root)
+        # After each run and outside the try: this is a fault of the competition, not of one run.
         _refuse_different_rules(made_under)
     return results
 

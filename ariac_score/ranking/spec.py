@@ -190,6 +190,7 @@ def places(keys: Sequence[FloatArray]) -> IntArray:
 
 def _shares(column: FloatArray) -> FloatArray:
     top = column.max(axis=0)
+    # numpy computes both branches, so the divisor must not be 0 in either.
     return np.where(top > 0, column / np.where(top > 0, top, 1.0), 0.0)
 
 

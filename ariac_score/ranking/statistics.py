@@ -23,7 +23,7 @@ from ariac_score.results.result import canonical
 __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 
 FEW_TRIALS = 8
-"""With fewer a note warns of it; docs/ranking.md shows how intervals do with 3, 8 and more."""
+"""With fewer trials a note warns; docs/ranking.md shows how wide the intervals of 3 and 6 are."""
 METHOD = "bootstrap by trial and run, paired between teams; PCG64"
 
 
@@ -166,6 +166,7 @@ def _plan(runs: Sampled, declared: Intervals) -> tuple[str, int, int] | str:
     made = runs.counts[runs.counts > 0]
     if not len(made):
         return "no run of a ranked team has a score, so there is nothing to draw from"
+    # A trial that nobody ran varies nothing, so it is none of those that are drawn from.
     trials = int(np.count_nonzero((runs.counts > 0).any(axis=0)))
     if declared.resample != "runs" and trials > 1:
         return declared.resample, trials, trials - 1
@@ -222,6 +223,8 @@ class _Level:
         The level that a single interval must have for all to hold is read off the draws;
         with few degrees of freedom its width is that of Student's distribution.
 
+        Source: Romano and Wolf, Stepwise Multiple Testing, Econometrica 73 (2005): max-t from draws.
+
         Args:
             largest: For each draw the largest deviation of all, in standard deviations.
         """
@@ -260,6 +263,7 @@ def _pairs(
             difference = value[one] - value[other]
             ahead = float(published[one] - published[other])
             deviation = np.abs(difference - ahead)
+            # Around the published difference, not the mean of the draws: the interval is centred there.
             spread = math.sqrt(_added(deviation * deviation) / len(deviation))
             if spread > 0:
                 np.maximum(largest, deviation / spread, out=largest)
@@ -294,6 +298,8 @@ def _added(values: FloatArray) -> float:
 def _odds(
     runs: Sampled, execution: IntArray, ranks: IntArray, pairs: Sequence[Pair], level: float
 ) -> tuple[TeamOdds, ...]:
+    # Ranks come from the joint intervals of differences. Quantiles of the drawn ranks would be simpler, but
+    # the bootstrap of a rank is not consistent where teams are equal (Hall and Miller, docs/ranking.md).
     count = len(runs.teams)
     ahead = dict.fromkeys(runs.teams, 0)
     behind = dict.fromkeys(runs.teams, 0)

@@ -48,6 +48,7 @@ def write_results(ranking: Ranking, folder: Path, write: Write) -> dict[RunKey, 
 
 
 def _file_name(text: str) -> str:
+    # Windows drops a point or a space at the end, so that two names become one.
     return text if _PLAIN.fullmatch(text) and not text.endswith((".", " ")) else _hashed(text)
 
 

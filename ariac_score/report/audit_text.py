@@ -124,6 +124,7 @@ def _by_reason(title: str, items: list[Item], style: Style) -> Iterator[str]:
 
 def _both(item: Item) -> str:
     """The printed number, and ours where it is written differently."""
+    # Texts print true, 1 and 1.0 for the same: compared as numbers, shown as printed.
     number = number_of(item.printed)
     if item.ours is None or number == item.ours:
         return plain(item.printed)

@@ -166,6 +166,7 @@ def _from_to(low: int, high: int) -> str:
 
 def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
     """Every run that did not simply get a score, and every trial without one."""
+    # Trials without a run have no run to be listed with, so they come first, from the standings.
     lines = [
         f"  {plain(s.team)}, {plain(trial)}: {OUTCOMES['no_run']}, "
         f"so the trial brings {amount_text(cell.score)}"

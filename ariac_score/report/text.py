@@ -112,6 +112,7 @@ def _dotted(label: str, amount: str) -> str:
 
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
+    # An official scorer knows neither other teams nor safety: it prints what here is the task score.
     ours = result.task.amount if result.task is not None else result.score
     same = ours is not None and ours == Decimal(repr(total))
     whose = "our task score" if result.task is not None else "ours"
@@ -304,6 +305,7 @@ def _matching(ledger: Line, path: str) -> list[Line]:
     """The topmost lines whose path is, ends with, or contains the wanted segments."""
     wanted = f"/{path.strip('/')}/"
     paths = [(f"/{line.path}/", line) for line in ledger.walk()]
+    # From the exact path to the loosest reading; the first that finds anything is meant.
     for found in (
         [line for path, line in paths if path == wanted],
         [line for path, line in paths if path.endswith(wanted)],

@@ -27,6 +27,7 @@ from ariac_score.errors import DataFileError, ResultError
 __all__ = ["MAX_BYTES", "Format", "as_text", "encodable", "plain"]
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 MAX_BYTES = 64 << 20
 """A larger file is no document of ours; the result of a whole trial has some ten KB."""
@@ -41,7 +42,10 @@ def _as_plain(value: Any) -> Any:
     raise NotImplementedError(f"{type(value).__name__} cannot be stored")
 
 
+# Amounts are numbers in JSON, not texts; as decimals they keep their trailing zeros.
 _ENCODER = msgspec.json.Encoder(order="sorted", decimal_format="number", enc_hook=_as_plain)
+_LEAST, _LARGEST = -(1 << 63), (1 << 64) - 1
+"""Integers that can be written again: msgspec reads larger ones, but does not write them."""
 _NO_NUMBER = re.compile(rb"\xcb[\x7f\xff][\xf0-\xff]")
 """How an infinite float64, or one that is no number, begins in MessagePack."""
 # A line break stands between values only, never in a text, so neither can be mistaken for the other.
@@ -103,8 +107,20 @@ def encodable(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode("utf-8")
     if isinstance(value, dict):
-        return {encodable(key): encodable(inner) for key, inner in value.items()}
+        return _encodable_keys(value)
     return [encodable(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def _encodable_keys(value: dict[Any, Any]) -> dict[Any, Any]:
+    # A key may already be the text that half a surrogate pair in another becomes: both are kept, the one
+    # that changes with as many marks as it needs. Sorted, so that the order of the keys has no say.
+    found = {key: encodable(inner) for key, inner in value.items() if encodable(key) == key}
+    for key in sorted(key for key in value if encodable(key) != key):
+        name = encodable(key)
+        while name in found:
+            name += "'"
+        found[name] = encodable(value[key])
+    return found
 
 
 class Format(Generic[T]):
@@ -116,6 +132,8 @@ class Format(Generic[T]):
         kind: The class of the document.
         made_by: Which command writes such a file; the remedy in error messages.
         before: For each older version that is read: a function from its plain values to those of the next.
+        shapes: For an older version the class that its plain values must fit before that function gets
+            them, as far as the function relies on it; the rest is checked in the newest form.
         error: Raised for a file that is not such a document.
     """
 
@@ -127,10 +145,12 @@ class Format(Generic[T]):
         *,
         made_by: str,
         before: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
+        shapes: Mapping[int, type] | None = None,
         error: type[DataFileError] | type[ResultError] = DataFileError,
     ) -> None:
         self.name, self.version, self.kind = name, version, kind
         self.made_by, self.before, self.error = made_by, before or {}, error
+        self.shapes = shapes or {}
 
     @property
     def tag(self) -> str:
@@ -174,6 +194,7 @@ class Format(Generic[T]):
             ScoreError: Of the kind of this format: missing, or not such a document.
         """
         try:
+            # Before reading: anyone may name a file that does not fit into memory.
             if file.stat().st_size > MAX_BYTES:
                 raise self._too_large(file)
             document = file.read_bytes()
@@ -212,7 +233,7 @@ class Format(Generic[T]):
         try:
             found = self._decoder.decode(document)
         except msgspec.ValidationError as cause:
-            raise self._fault(cause, data, file) from None
+            raise self._fault(cause, data, file, self.kind) from None
         self._refuse_unknown(data, found, file)
         return found
 
@@ -243,23 +264,34 @@ class Format(Generic[T]):
 
     def _older(self, data: dict[str, Any], version: int, file: Path) -> T:
         while version < self.version:
+            words = f"it breaks the format ariac-score/{self.name}/{version}"
+            if version in self.shapes:
+                self._fitting({k: v for k, v in data.items() if k != "schema"}, self.shapes[version], file)
             try:
                 data = self.before[version](data)
-            except (KeyError, TypeError, AttributeError, IndexError) as cause:
-                words = f"it breaks the format ariac-score/{self.name}/{version} at {cause}"
+            # A file that states an older version may hold anything.
+            except KeyError as cause:
+                raise self.error(f"{words} at {cause}", file=file, place="$", hint=self._hint) from None
+            except (TypeError, AttributeError, IndexError, ValueError, ArithmeticError):
                 raise self.error(words, file=file, place="$", hint=self._hint) from None
             version += 1
-        try:
-            found = msgspec.convert(data, self.kind)
-        except msgspec.ValidationError as cause:
-            raise self._fault(cause, data, file) from None
+        found = self._fitting(data, self.kind, file)
         self._refuse_unknown(data, found, file)
         return found
 
-    def _fault(self, cause: msgspec.ValidationError, data: Any, file: Path) -> DataFileError | ResultError:
+    def _fitting(self, data: Any, kind: type[U], file: Path) -> U:
+        """Plain values as a value of a class."""
+        try:
+            return msgspec.convert(data, kind)
+        except msgspec.ValidationError as cause:
+            raise self._fault(cause, data, file, kind) from None
+
+    def _fault(
+        self, cause: msgspec.ValidationError, data: Any, file: Path, kind: Any
+    ) -> DataFileError | ResultError:
         # msgspec gives the place of a fault nowhere but in its message.
         words, _, path = str(cause).partition(" - at `")
-        place = _exact_place(path.rstrip("`") or "$", data, self.kind)
+        place = _exact_place(path.rstrip("`") or "$", data, kind)
         words = words.replace("`", "'")
         words = f"{words[:1].lower()}{words[1:]}".replace("object contains unknown field", "unknown key")
         words = re.sub(r"^object missing required field (.*)$", r"key \1 is missing", words)
@@ -270,7 +302,7 @@ class Format(Generic[T]):
         return f"it was edited or damaged: get it again, or make it again with {self.made_by}"
 
     def _refuse_unknown(self, data: dict[str, Any], found: T, file: Path) -> None:
-        """Refuse what msgspec accepts: a key without a field in a dataclass, and text for a decimal."""
+        """Refuse what msgspec accepts: unknown keys in a dataclass, text for a decimal, endless integers."""
         own = {key: value for key, value in data.items() if key != "schema"}
         for place, words in _strange(own, plain(found), "$"):
             raise self.error(words, file=file, place=place, hint=self._hint)
@@ -340,6 +372,8 @@ def _strange(data: Any, known: Any, place: str) -> Iterator[tuple[str, str]]:
             yield from _strange(value, inner, f"{place}[{number}]")
     elif isinstance(data, str) and isinstance(known, Decimal):
         yield place, f"expected a number, got {data[:80]!r}"
+    elif isinstance(data, int) and isinstance(known, int) and not _LEAST <= data <= _LARGEST:
+        yield place, "an integer of more than 64 bits"
 
 
 def _exact_place(path: str, data: Any, kind: Any) -> str:
@@ -349,7 +383,7 @@ def _exact_place(path: str, data: Any, kind: Any) -> str:
     """
     place = "$"
     steps = re.findall(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]", path)
-    whole: Any = deepcopy(data)
+    whole: Any = deepcopy(data)  # `_still_wrong` takes keys out of it
     at: list[str | int] = []
     for name, index in steps:
         inner = _at(whole, at)

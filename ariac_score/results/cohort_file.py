@@ -77,6 +77,7 @@ class Cohort:
         Raises:
             UsageError: The cohort has no such trial.
         """
+        # A team that scores its own log need not know what the organisers call the trial.
         name = trial
         if name not in self.trials and measured is not None:
             orders = {scope.path for scope in measured.scopes.inner}

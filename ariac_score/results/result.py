@@ -81,7 +81,7 @@ class Coverage:
     """
 
     signal: str
-    samples: int
+    samples: Annotated[int, Meta(ge=0)]
     rate_hz: float
     largest_gap_s: float
     source: str = ""
@@ -195,7 +195,7 @@ class Source(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True
 
     role: str
     name: str
-    bytes: int
+    bytes: Annotated[int, Meta(ge=0)]
     sha256: Sha256
     read_bytes: Annotated[int, Meta(ge=0)] | None = None
 

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from ariac_score.checks.findings import POINTS
 from ariac_score.errors import ResultError, ScoreError
@@ -22,6 +24,7 @@ from ariac_score.scoring.steward import Adjusted
 
 __all__ = [
     "RESULT",
+    "Decision1",
     "as_json",
     "check_follows",
     "decision_from_1",
@@ -51,6 +54,7 @@ def findings_json(measured: Measured) -> str:
 
 # What decisions are made for -----------------------------------------------------------
 
+# By name: a field that `Measured` or `Finding` gets later must not change hashes that decisions hold.
 _HASHED = (
     *("trial", "team", "clock", "scopes", "coverage"),
     *("log_defects", "unrecorded", "witnessed", "official"),
@@ -96,6 +100,105 @@ def _ends(span: Mapping[str, float] | None) -> list[float] | None:
 
 
 # The version before --------------------------------------------------------------------
+#
+# What it may hold is stated here as far as keys are renamed, moved or dropped: what comes under the new
+# name, or in the new place, would be replaced unseen. A key that is missing is named by `_from_1`.
+
+
+class _Rounding1(Struct, frozen=True, forbid_unknown_fields=True):
+    score_decimals: Annotated[int, Meta(ge=0, le=9)] | UnsetType = UNSET
+    measured_significant_digits: int | UnsetType = UNSET
+
+
+class _Finding1(Struct, frozen=True, forbid_unknown_fields=True):
+    check: str | UnsetType = UNSET
+    span_s: tuple[float, float] | UnsetType | None = UNSET
+    quantities: dict[str, float] | UnsetType = UNSET
+    subject: Any = UNSET
+    verdict: Any = UNSET
+    message: Any = UNSET
+    robustness: Any = UNSET
+    unit: Any = UNSET
+    labels: Any = UNSET
+    evidence: Any = UNSET
+    clause: Any = UNSET
+    critical: Any = UNSET
+
+
+class _Measured1(Struct, frozen=True, forbid_unknown_fields=True):
+    window_s: tuple[float, float] | UnsetType | None = UNSET
+    orders_announced_s: Any = UNSET
+    findings: dict[str, _Finding1] | UnsetType = UNSET
+    coverage: tuple[dict[str, Any], ...] | UnsetType = UNSET
+    trial: Any = UNSET
+    scopes: Any = UNSET
+    log_defects: Any = UNSET
+    unrecorded: Any = UNSET
+    witnessed: Any = UNSET
+    clock: Any = UNSET
+    official: Any = UNSET
+    team: Any = UNSET
+
+
+class _Target1(Struct, frozen=True, forbid_unknown_fields=True):
+    measured: Any = UNSET
+    trial: Any = UNSET
+    team: Any = UNSET
+    run: Any = UNSET
+    finding: Any = UNSET
+
+
+class _Effect1(Struct, frozen=True, forbid_unknown_fields=True):
+    verdict: Any = UNSET
+    points: Any = UNSET
+    score: Any = UNSET
+    disqualified: Any = UNSET
+
+
+class Decision1(Struct, frozen=True, forbid_unknown_fields=True):
+    """A decision of a steward as `result/1` and `ranking/2` stored it."""
+
+    id: Any = UNSET
+    author: Any = UNSET
+    reason: Any = UNSET
+    time: Any = UNSET
+    target: _Target1 | UnsetType = UNSET
+    effect: _Effect1 | UnsetType = UNSET
+
+
+class _Line1(Struct, frozen=True):
+    children: tuple[_Line1, ...] = ()
+
+
+class _Adjusted1(Struct, frozen=True):
+    adjustments: tuple[Decision1, ...] | UnsetType = UNSET
+    ledger: _Line1 | None = None
+
+
+class _Settings1(Struct, frozen=True):
+    parameters: tuple[dict[str, Any], ...] | UnsetType = UNSET
+
+
+class _Result1(Struct, frozen=True, forbid_unknown_fields=True):
+    rounding: _Rounding1 | UnsetType = UNSET
+    measured: _Measured1 | UnsetType = UNSET
+    units: dict[str, dict[str, str]] | None = None
+    settings: dict[str, _Settings1] | None = None
+    adjusted: _Adjusted1 | None = None
+    ledger: _Line1 | None = None
+    task: _Line1 | None = None
+    sketch: Any = UNSET
+    assumptions: Any = UNSET
+    checks: Any = UNSET
+    cohort: Any = UNSET
+    missing: Any = UNSET
+    notes: Any = UNSET
+    possible: Any = UNSET
+    provenance: Any = UNSET
+    rule_set_title: Any = UNSET
+    rules: Any = UNSET
+    score: Any = UNSET
+    status: Any = UNSET
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:
@@ -177,7 +280,13 @@ def _priced(data: dict[str, Any], digits: int) -> dict[str, Any]:
 
 
 RESULT = Format(
-    "result", 2, Result, before={1: _from_1}, error=ResultError, made_by="'score --output-format json'"
+    "result",
+    2,
+    Result,
+    before={1: _from_1},
+    shapes={1: _Result1},
+    error=ResultError,
+    made_by="'score --output-format json'",
 )
 """How a result is stored."""
 

@@ -1,4 +1,4 @@
-"""What a result says about its log, as a recording to be opened beside it.
+"""Verdicts and margins of a result as a recording, to be opened together with its log.
 
 A ROS 2 recording in MCAP: for each monitor a topic with state and margin, the violations as
 markers, and a log with every violation and undecided finding. Stamps are those of the log's clock.
@@ -20,7 +20,7 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
 from ariac_score.review.annotation_messages import MONITOR_STATE, Annotation, States, serialized, stamp
-from ariac_score.review.margins import SAID, MarginSeries
+from ariac_score.review.margins import VERDICTS, MarginSeries
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.model import Trial
@@ -40,21 +40,20 @@ _STATES = {
     Verdict.NOT_APPLICABLE: 3,
     None: 4,
 }
-_NUMBERS = np.array([_STATES[verdict] for verdict in SAID], dtype=np.uint8)
-"""How the message numbers them."""
+_NUMBERS = np.array([_STATES[verdict] for verdict in VERDICTS], dtype=np.uint8)
+"""The numbers of the message type, by those of `VERDICTS`."""
 _INFO, _WARNING, _ERROR = 20, 30, 40
 _SPHERE, _TEXT = 2, 9
 _ADD, _DELETE = 0, 2
 _LONGEST = 1000
 """Characters of a message; a label in a scene holds no more."""
 _SHORTEST_S = 0.5
-"""A marker that stood for less could not be seen."""
+"""A marker that is shown for less could not be seen."""
 AT_ONCE = 50_000
 """About so many messages are serialized before the first of them is written."""
 
-
 _FIRST_NS, _LAST_NS = -(2**62), 2**62
-"""Before and after every stamp; whole numbers, for floats cannot tell nanoseconds apart."""
+"""Before and after every stamp; whole numbers, because float64 does not resolve nanoseconds of an epoch."""
 
 
 def origin_ns(clocks: Sequence[Clock]) -> int:
@@ -69,29 +68,29 @@ def origin_ns(clocks: Sequence[Clock]) -> int:
 def messages_of(
     result: Result, trial: Trial, found: Sequence[MarginSeries], *, frame: str
 ) -> Iterator[Annotation]:
-    """Everything the recording holds, in order of time, one after the other: there can be a million.
+    """Everything the recording holds, in order of time, one by one: there can be a million.
 
-    What monitors say over time is serialized as it is asked for, some thousand messages at a time.
+    Messages of monitors are serialized when they are needed, some thousand at a time.
 
     Args:
         result: The result.
         trial: Its trial, for the places of bodies and the clock.
-        found: What the monitors say over time.
+        found: Margins and verdicts of the monitors over time.
         frame: The tf frame positions are in.
 
     Raises:
-        LogError: The log's clock is before its own zero, or beyond what a stamp can tell.
+        LogError: The log's clock is before its own zero, or beyond the range of a stamp.
     """
     clock = _Clock(origin_ns(trial.clocks), frame)
-    told = [
+    others = [
         Annotation(t_ns, topic, kind, serialized(kind, fields))
         for t_ns, topic, kind, fields in (
             *_markers(result, trial, clock),
             *_log(result, clock, without_margins(found)),
         )
     ]
-    voices = [_Voice(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
-    return _merged(voices, sorted(told, key=_place_in_time))
+    series = [_StateMessages(track, topic, clock) for track, topic in zip(found, _topics(found), strict=True)]
+    return _merged(series, sorted(others, key=_place_in_time))
 
 
 def _place_in_time(message: Annotation) -> tuple[int, str]:
@@ -110,8 +109,9 @@ class _Clock:
         """The same of increasing times, shape (n,).
 
         Raises:
-            LogError: One of them is none that a stamp can tell.
+            LogError: One of them is out of the range of a stamp.
         """
+        # They increase, so the first and the last stand for all.
         for end_s in (*t_s[:1], *t_s[-1:]):
             stamp(self.ns(float(end_s)))
         return self.origin_ns + np.rint(t_s * 1e9).astype(np.int64)
@@ -132,6 +132,7 @@ def _topics(found: Iterable[MarginSeries]) -> list[str]:
     taken: set[str] = set()
     for track in found:
         parts = [_part(part) for part in (track.check, *track.subject.split("/")[:5], track.what) if part]
+        # Two subjects can come to the same name once ROS allows every character of it.
         name = plain = f"{ROOT}/{'/'.join(parts)}"
         number = 2
         while name in taken:
@@ -142,7 +143,7 @@ def _topics(found: Iterable[MarginSeries]) -> list[str]:
 
 
 def without_margins(found: Iterable[MarginSeries]) -> list[str]:
-    """The checks of which only findings are known, in their order: their margins have no chart."""
+    """The checks without a margin at every sample, in their order."""
     tracks = list(found)
     sampled = {track.check for track in tracks if track.sampled}
     return list(dict.fromkeys(track.check for track in tracks if track.check not in sampled))
@@ -151,19 +152,19 @@ def without_margins(found: Iterable[MarginSeries]) -> list[str]:
 def _part(text: str) -> str:
     """One part of a topic name: ASCII letters, digits and underscores, not beginning with a digit."""
     kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in text[:60])
-    kept = re.sub(r"__+", "_", kept)
+    kept = re.sub(r"__+", "_", kept)  # ROS 2 allows no two underscores in a row
     return f"_{kept}" if kept[:1].isdigit() else kept
 
 
 # What it holds -------------------------------------------------------------------------
 
 
-_Told = tuple[int, str, str, Mapping[str, Any]]
-"""Stamp in ns, topic, type, and field values by name; what is left out is zero or empty."""
+_Fields = tuple[int, str, str, Mapping[str, Any]]
+"""Stamp in ns, topic, type, and field values by name; fields left out are zero or empty."""
 
 
 def _text(text: str) -> str:
-    """Text that every reader takes: no end inside, no half characters, not endless."""
+    """Text that every reader takes: without control characters or half surrogate pairs, and short."""
     return "".join(c if c.isprintable() else " " for c in text[:_LONGEST])
 
 
@@ -172,7 +173,7 @@ def _final(result: Result) -> Mapping[str, Finding]:
     return with_verdicts(result.measured.findings, decisions)
 
 
-def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
+def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Fields]:
     """For each violation with a time: a sphere where its bodies were, words above; gone when it ends."""
     number = 0
     for key, finding in _final(result).items():
@@ -186,7 +187,7 @@ def _markers(result: Result, trial: Trial, clock: _Clock) -> Iterator[_Told]:
             number += 1
             shown.append(_sphere(number, finding, place, clock.header(start_s)))
         number += 1
-        # Where no place is known the words stand above the origin, one over the other.
+        # Without a place the words are shown above the origin, one over the other.
         above = places[0] if places else (0.0, 0.0, 0.3 * number)
         shown.append(_words(number, key, finding, above, clock.header(start_s)))
         for marker in shown:
@@ -203,7 +204,7 @@ _Place = tuple[float, float, float]
 
 
 def _places(subject: str, trial: Trial, t_s: float) -> list[_Place]:
-    """Where the bodies a finding is about were, as far as the log says."""
+    """Where the bodies of a finding were, as far as the log shows."""
     places = []
     for name in subject.split("/"):
         signal = trial.signals.get(f"position/{name}")
@@ -251,8 +252,8 @@ def _words(number: int, key: str, finding: Finding, place: _Place, header: Any) 
     }
 
 
-def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Told]:
-    """Every violation and undecided finding at its start, then at the end the score and who changed it."""
+def _log(result: Result, clock: _Clock, without: Sequence[str]) -> Iterator[_Fields]:
+    """Every violation and undecided finding at its start; at the end the score and decisions about it."""
     window = result.measured.window
     end_s = window.end_s if window else 0.0
     for check in without:
@@ -277,7 +278,7 @@ def _amount(score: object) -> str:
     return "withheld" if score is None else f"{score:f}"
 
 
-def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> _Told:
+def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words: str) -> _Fields:
     fields = {
         "stamp": clock.stamp(t_s),
         "level": level,
@@ -288,14 +289,14 @@ def _line(clock: _Clock, t_s: float, level: int, name: str, function: str, words
     return clock.ns(t_s), f"{ROOT}/log", "rcl_interfaces/msg/Log", fields
 
 
-# What monitors say over time -----------------------------------------------------------
+# Monitors over time --------------------------------------------------------------------
 
 
-class _Voice:
+class _StateMessages:
     """The messages of one track.
 
     Attributes:
-        topic: Of all of them.
+        topic: The topic of all of them.
         t_ns: Their stamps, shape (n,), in order.
     """
 
@@ -305,13 +306,13 @@ class _Voice:
         self._states = States(same, clock.frame)
         self.t_ns = clock.all_ns(track.t_s)
 
-    def say(self, from_ns: int, before_ns: int) -> Iterator[Annotation]:
+    def between(self, from_ns: int, before_ns: int) -> Iterator[Annotation]:
         """The messages from one time to before another."""
         first, last = self.t_ns.searchsorted([from_ns, before_ns]).tolist()
         track, rows = self._track, slice(first, last)
         texts = {row - first: _text(text) for row, text in track.messages.items() if first <= row < last}
         payloads = self._states.serialized(
-            self.t_ns[rows], _NUMBERS[track.said[rows]], track.margin[rows], texts
+            self.t_ns[rows], _NUMBERS[track.verdicts[rows]], track.margin[rows], texts
         )
         messages = zip(
             self.t_ns[rows].tolist(), repeat(self.topic), repeat(MONITOR_STATE), payloads, strict=False
@@ -319,21 +320,22 @@ class _Voice:
         return starmap(Annotation, messages)
 
 
-def _merged(voices: Sequence[_Voice], told: Sequence[Annotation]) -> Iterator[Annotation]:
+def _merged(series: Sequence[_StateMessages], others: Sequence[Annotation]) -> Iterator[Annotation]:
     """All messages by time, then by topic.
 
     Args:
-        voices: What the monitors say.
-        told: All other messages, in order.
+        series: The messages of each monitor and subject.
+        others: All other messages, in order.
     """
-    topics = [*(voice.topic for voice in voices), *(message.topic for message in told)]
+    topics = [*(one.topic for one in series), *(message.topic for message in others)]
     ranks = {topic: rank for rank, topic in enumerate(sorted(set(topics)))}
-    stamps = np.concatenate([np.zeros(0, dtype=np.int64), *(voice.t_ns for voice in voices)])
+    stamps = np.concatenate([np.zeros(0, dtype=np.int64), *(one.t_ns for one in series)])
+    # Cut at stamps and not at counts: messages of one stamp stay together and are sorted by topic.
     cuts = distinct(np.sort(stamps)[AT_ONCE::AT_ONCE]).tolist()
     for from_ns, before_ns in pairwise([_FIRST_NS, *cuts, _LAST_NS]):
-        first, last = (bisect_left(told, ns, key=lambda one: one.t_ns) for ns in (from_ns, before_ns))
-        spoken = chain.from_iterable(voice.say(from_ns, before_ns) for voice in voices)
-        messages = [*spoken, *told[first:last]]
+        first, last = (bisect_left(others, ns, key=lambda one: one.t_ns) for ns in (from_ns, before_ns))
+        states = chain.from_iterable(one.between(from_ns, before_ns) for one in series)
+        messages = [*states, *others[first:last]]
         place = np.array([(message.t_ns, ranks[message.topic]) for message in messages], dtype=np.int64)
         order = np.lexsort(place.reshape(len(messages), 2).T[::-1])
         yield from map(messages.__getitem__, order.tolist())

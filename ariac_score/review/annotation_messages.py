@@ -45,7 +45,7 @@ def stamp(t_ns: int) -> dict[str, int]:
     """A time as a message has it.
 
     Raises:
-        LogError: It is before the clock's zero, or later than a message can tell.
+        LogError: It is before the clock's zero, or later than a message can hold.
     """
     if t_ns < 0:
         raise LogError("times before the zero of the log's clock cannot be recorded", hint="check its stamps")
@@ -57,7 +57,8 @@ def stamp(t_ns: int) -> dict[str, int]:
 class States:
     """The bytes of many `MonitorState` that differ in stamp, state, margin and message.
 
-    Where these stand in the bytes is found out by serializing a message twice.
+    Their places in the bytes are found by serializing a message twice: bytes that differ hold the field.
+    Many messages are then made at once, by writing columns into a table of bytes.
 
     Args:
         fields: The values of all other fields, by name.
@@ -87,13 +88,13 @@ class States:
         margin: FloatArray,
         messages: Mapping[int, str],
     ) -> list[bytes]:
-        """Some of them.
+        """The bytes of some messages.
 
         Args:
             t_ns: Their stamps, shape (n,).
             states: Shape (n,).
             margin: NaN without one, shape (n,).
-            messages: By row, where there is one; rows beyond n may be among them.
+            messages: By row, where there is one; rows beyond n are ignored.
         """
         count, size = len(t_ns), len(self._plain)
         table = np.tile(self._plain, (count, 1))
@@ -115,12 +116,12 @@ class States:
 
 
 _NO_TEXT = b"\1\0\0\0\0"
-"""An empty text with its length; the message is the last field."""
+"""An empty text with its length; the message is the last field, so nothing behind it moves."""
 
 
 @contextmanager
 def recorded(messages: Iterable[Annotation]) -> Iterator[Path]:
-    """The recording as an MCAP file with its message definitions, there for as long as this lasts.
+    """The recording as an MCAP file with its message definitions, which exists during the body.
 
     Args:
         messages: In order of time.

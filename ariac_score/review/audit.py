@@ -1,13 +1,13 @@
-"""The official text of a trial held against the log, and against itself.
+"""The official text of a trial compared with the log, and with itself.
 
 Every number that the official scorer printed is looked up in the rule set (`printed`),
-computed again from what the log shows, and compared within its stated tolerance. Where
-the log does not decide our number, the item cannot be judged, with the reason. The text
-must also add up in itself (`adds_up`), whatever a log says.
+computed again from the log, and compared within its stated tolerance. Where the log does
+not decide our number, the item cannot be judged, with the reason. The printed numbers must
+also add up among themselves (`adds_up`), whatever the log shows.
 
-Some of what we know of a trial comes from the official file too, such as a collision
-that only it mentions. Each item is therefore looked at a second time, with that file
-left out: where this gives no number, the verdict rests on the official file itself.
+Some facts about a trial come only from the official file, such as a collision that nothing
+else records. Each item is therefore computed a second time without that file: where this
+gives no number, the agreement rests on the official file itself.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ AGREE, DIFFER, CANNOT_BE_JUDGED = "agree", "differ", "cannot_be_judged"
 Judgement = Annotated[str, Meta(pattern="^(agree|differ|cannot_be_judged)$")]
 
 STATE_LOG_ROUNDING: Mapping[str, float] = {"m": 0.01, "rad": 0.01}
-"""How exact poses of a Gazebo state.log are: three significant digits, so 1 cm beyond 1 m.
+"""How exact poses of a Gazebo state.log are: three significant digits, which is 1 cm beyond 1 m.
 
 Source: ARIAC notes on log formats, section 4.2.
 """
@@ -66,19 +66,19 @@ def _no_progress(_done: float) -> None:
 
 @dataclass(frozen=True)
 class Item:
-    """One printed number held against ours.
+    """One printed number compared with ours.
 
     Attributes:
         level: Level of the block it is printed in.
         path: Path of that block in the text; empty for the trial.
         label: As the reader spells it.
         printed: As printed.
-        ours: What we make of it; `None` when nothing.
+        ours: Our number; `None` when there is none.
         verdict: `agree`, `differ` or `cannot_be_judged`.
-        reason: Why it cannot be judged, or on what the agreement rests; else empty.
+        reason: Why it cannot be judged, or what the agreement rests on; else empty.
         tolerance: The largest difference that agrees.
         because: Why that tolerance.
-        independent: Whether ours can be had without the file of the official text.
+        independent: Whether ours is the same without the file of the official text.
         scope: Path of the order, shipment or part that it was compared with.
     """
 
@@ -100,14 +100,14 @@ class Item:
 
 @dataclass(frozen=True)
 class Sum:
-    """One printed number held against what the other printed numbers make of it.
+    """One printed number compared with what the other printed numbers require.
 
     Attributes:
         level: Level of the block it is printed in.
         path: Path of that block; empty for the trial.
         label: As the reader spells it.
         printed: As printed.
-        expected: What the other numbers make of it; `None` when nothing.
+        expected: What the other numbers require; `None` when they give no number.
         formula: The formula, over printed items.
         relation: `equal`, `at_most` or `at_least`.
         verdict: `agree` or `differ`, or `cannot_be_judged`.
@@ -136,7 +136,7 @@ _NO_RULES = Pinned("", "")
 
 @dataclass(frozen=True)
 class Audit:
-    """What an official text says, held against the log and against itself.
+    """The numbers of an official text, compared with the log and with each other.
 
     Attributes:
         trial: Name of the trial.
@@ -187,12 +187,12 @@ def audit(
     registry: Registry | None = None,
     progress: Progress = _no_progress,
 ) -> Audit:
-    """Hold the official text of a trial against its log, and against itself.
+    """Compare the official text of a trial with its log, and with itself.
 
     Args:
         path: A log, a bundle folder or a `bundle.yaml`, with an official text.
         rules: The rule set or its name; empty for the one that declares the text's layout.
-        against: A second rule set to list the differences to; empty for those that say
+        against: A second rule set whose differences are listed; empty for those that state
             how they differ from the first.
         registry: The installed plugins, where the caller has them already.
         progress: Called with the share done, 0 to 1.
@@ -205,6 +205,7 @@ def audit(
     registry = registry or Registry()
     bundle, readers = find_trial(path, registry)
     official, layout = _official(bundle, readers)
+    # A run that crashed has no score to compare; that is a finding of the audit, not an error.
     if not official.summaries and official.total is None:
         outcome = _OUTCOMES.get(official.outcome, official.outcome or "the text holds no score")
         return Audit(bundle.id, official.source, layout, outcome)
@@ -241,6 +242,7 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
     for part in bundle.parts:
         if part.role == "official":
             reader = readers[part.reader]
+            # No log map: an official text has no signals.
             official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
             if official is not None:
                 layout = reader.describe(part.path).facts.get("layout", "")
@@ -254,6 +256,7 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
 
 def _block_of(official: OfficialResult) -> PrintedBlock:
     """The text as blocks: trial, orders, shipments, parts."""
+    # Readers write the place of an item into its label: `shipment_0/completed`.
     values = {label: value for label, value in official.items.items() if "/" not in label}
     if official.total is not None:
         values["final_score"] = f"{official.total:.12g}"
@@ -278,7 +281,7 @@ def _inner_block(order: OfficialOrder, name: str, values: Mapping[str, str]) -> 
 
 
 def _facts_of(order: OfficialOrder) -> dict[str, str]:
-    """What the reader took out of a summary, in words that formulas understand."""
+    """What the reader took from a summary, under the names that formulas use."""
     facts: dict[str, object] = {
         "summary_score": order.score,
         "summary_max_score": order.max_score,
@@ -293,7 +296,7 @@ def _facts_of(order: OfficialOrder) -> dict[str, str]:
 
 
 def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
-    """The rule set to audit under: the given one, or the only one whose text this is."""
+    """The rule set to audit under: the given one, or the only one that declares this layout."""
     if rules:
         rule_set = load_rule_set(rules) if isinstance(rules, str) else rules
         if not rule_set.printed.items:
@@ -309,6 +312,7 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
         )
     shipped = [load_rule_set(name) for name in rule_set_names()]
     fitting = [one for one in shipped if layout in one.printed.layouts]
+    # Editions share layouts; the one that knows every printed label is meant, where it is one.
     fitting = [one for one in fitting if one.printed.knows(block)] or fitting
     if len(fitting) != 1:
         named = ", ".join(one.id for one in fitting) or ", ".join(
@@ -359,11 +363,11 @@ class _Look:
     progress: Progress
 
     def at(self, rule_set: RuleSet) -> tuple[Trial, Certain]:
-        """The trial, and what the rule set makes of it."""
+        """The trial, and the values of the rule set for it."""
         return self._measured(self.bundle, rule_set)
 
     def without_text(self, rule_set: RuleSet) -> Certain | None:
-        """What the rule set makes of the other parts alone; `None` when these are no trial."""
+        """The values of the rule set for the other parts alone; `None` when these are no trial."""
         parts = tuple(part for part in self.bundle.parts if part.role != "official")
         try:
             return self._measured(replace(self.bundle, parts=parts), rule_set)[1]
@@ -379,7 +383,7 @@ class _Look:
 
 
 def _rounding(bundle: Bundle) -> Mapping[str, float]:
-    """How exact poses are, by unit, where a state.log alone records them; else empty, for exact."""
+    """How exact poses are, by unit, where only a state.log records them; empty for exact."""
     logs = [part.reader for part in bundle.parts if part.role == "log"]
     return STATE_LOG_ROUNDING if logs and all(reader == "gazebo" for reader in logs) else {}
 
@@ -389,7 +393,7 @@ def _rounding(bundle: Bundle) -> Mapping[str, float]:
 
 @dataclass(frozen=True)
 class _Items:
-    """Holds the items of a text against ours."""
+    """Compares the items of a text with our numbers."""
 
     text: PrintedText
     orders: Sequence[Order]
@@ -410,7 +414,7 @@ class _Items:
 
     def _item(self, block: PrintedBlock, item: PrintedItem, label: str, path: str, problem: str) -> Item:
         printed = block.values[label]
-        told = number_of(printed)
+        number = number_of(printed)
         tolerance = _tolerance(printed) if item.within is None else item.within
         made = Item(
             level=block.level,
@@ -426,24 +430,25 @@ class _Items:
         )
         if item.formula is None:
             return replace(made, reason=item.because or "there is no counterpart in the rule set", because="")
-        if told is None:
+        if number is None:
             return replace(made, reason="it is not printed as a number")
         if problem:
             return made
         value = self.ours.value(item.formula, block.level, path)
         if value.traced is None:
             return replace(made, reason=value.reason)
-        number = value.traced.value
-        made = replace(made, ours=number, verdict=AGREE if abs(told - number) <= tolerance else DIFFER)
+        ours = value.traced.value
+        made = replace(made, ours=ours, verdict=AGREE if abs(number - ours) <= tolerance else DIFFER)
+        # Once more without the official file: agreement with itself would prove nothing.
         again = self.alone.value(item.formula, block.level, path) if self.alone else Value(reason=_NO_TRIAL)
         if again.traced is None:
             return replace(made, reason=f"without {self.source}: {again.reason}")
-        if again.traced.value != number:
+        if again.traced.value != ours:
             return replace(made, reason=f"without {self.source} it would be {again.traced.value:g}")
         return replace(made, independent=True)
 
     def _place(self, block: PrintedBlock) -> tuple[str, str]:
-        """The path of our scope that a block speaks of, or why there is none."""
+        """The path of our scope for a block, and why there is none."""
         if block.level == "trial":
             return "", ""
         order_id, _, name = block.path.partition("/")
@@ -462,6 +467,7 @@ def _task_place(order: Order, name: str) -> tuple[str, str]:
     ids = [task.id for task in order.tasks]
     if name in ids:
         return f"{order.id}/{name}", ""
+    # ARIAC 2019 and 2020 print no ids; blocks come in alphabetical order: shipment_10 before shipment_2.
     stem, _, position = name.rpartition("_")
     numbered = sorted(f"{stem}_{k}" for k in range(len(ids)))
     if position.isdigit() and name in numbered:
@@ -491,6 +497,6 @@ def _part_place(order: Order, name: str) -> tuple[str, str]:
 
 
 def _tolerance(printed: str) -> float:
-    """Half of the last printed digit; whole numbers are meant as they stand."""
+    """Half of the last printed digit; whole numbers are exact."""
     digits = printed.strip().partition(".")[2]
     return 0.5 * 10.0 ** -len(digits) if digits.isdigit() else 0.0

@@ -1,4 +1,4 @@
-"""What a rule set makes of a trial, formula by formula, where that is certain."""
+"""The values of a rule set's formulas for a trial, where they are certain."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ariac_score.results.result import Measured
 from ariac_score.scoring.doubt import doubts
 from ariac_score.scoring.expression import Expression, Traced
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.scope import Scope, is_inside
 
 __all__ = ["Certain", "Value"]
 
@@ -33,12 +33,12 @@ class Value:
 
 @dataclass(frozen=True)
 class Certain:
-    """Evaluates formulas over what was measured, one scope at a time.
+    """Evaluates formulas over the findings, one scope at a time.
 
     Attributes:
         rule_set: Whose formulas.
         measured: What was found under it.
-        rounding: How exact poses are, by unit; a margin below that is not certain.
+        rounding: How exact poses are, by unit; a smaller margin is not certain.
         timed: Whether the logs show both when the competition began and when it ended.
     """
 
@@ -48,7 +48,8 @@ class Certain:
     timed: bool = True
 
     def value(self, formula: Expression, level: str, path: str) -> Value:
-        """A formula in one scope, or why it cannot be had there."""
+        """A formula in one scope, or why it has no certain value there."""
+        # Only the branch of the scope, so that what is undecided elsewhere makes nothing here uncertain.
         trial = branch(self.measured.scopes, path)
         if trial is None:
             return Value(reason="what was ordered there is not recorded")
@@ -80,18 +81,18 @@ class Certain:
         )
 
     def _idle(self, traced: Traced) -> str:
-        """Why a yes or no means nothing: the whole question is about what does not apply."""
+        """Why a yes or no means nothing: every finding behind it is not applicable."""
         if traced.kind != "check" or traced.op not in ("holds", "violated"):
             return ""
         (check,) = traced.checks
-        asked = [f for f in self.measured.of(check).values() if _inside(f.subject, traced.subject)]
-        if all(finding.verdict is Verdict.NOT_APPLICABLE for finding in asked):
-            return f"{check}: not applicable: {asked[0].message}" if asked else ""
+        found = [f for f in self.measured.of(check).values() if is_inside(f.subject, traced.subject)]
+        if all(finding.verdict is Verdict.NOT_APPLICABLE for finding in found):
+            return f"{check}: not applicable: {found[0].message}" if found else ""
         return ""
 
 
 def branch(scope: Scope, path: str) -> Scope | None:
-    """The trial with nothing but what leads to a path and lies inside it; `None` when it is not there."""
+    """The trial with only the scopes that lead to a path and those inside it; `None` without such a path."""
     if scope.path == path:
         return scope
     for inner in scope.inner:
@@ -99,7 +100,3 @@ def branch(scope: Scope, path: str) -> Scope | None:
             found = branch(inner, path)
             return replace(scope, inner=(found,)) if found else None
     return None
-
-
-def _inside(subject: str, path: str) -> bool:
-    return not path or subject == path or subject.startswith(f"{path}/")

@@ -1,7 +1,7 @@
-"""One trial under two rule sets: which points differ, why, and where that is written.
+"""One trial under two rule sets: which numbers differ, why, and which source says so.
 
-A rule set that differs from another on purpose says so under `differs`. A number that is
-another one without such an entry is unexplained.
+A rule set that differs from another on purpose says so under `differs`. A number that
+differs without such an entry is unexplained.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ruleset import RuleDifference, RuleSet, load_rule_set, rule_set_names
-from ariac_score.scoring.scope import LEVELS, Level, Scope
+from ariac_score.scoring.scope import LEVELS, Level, Scope, is_inside
 
 __all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
 
@@ -23,13 +23,13 @@ _SCORE, _TASK_SCORE = _WHOLE = "score", "task score"
 
 @dataclass(frozen=True)
 class Undecided:
-    """One term that one of two rule sets leaves open.
+    """One term that is undecided under one of two rule sets.
 
     Attributes:
         level: One of `LEVELS`.
         path: Path of the scope; empty for the trial.
         term: Its name.
-        reason: Why it is open.
+        reason: Why it is undecided.
     """
 
     level: Level
@@ -40,7 +40,7 @@ class Undecided:
 
 @dataclass(frozen=True)
 class Change:
-    """One term that is another number under the second rule set.
+    """One term with another value under the second rule set.
 
     Attributes:
         level: One of `LEVELS`.
@@ -49,8 +49,8 @@ class Change:
             teams and so has no score yet.
         before: Under the first rule set.
         after: Under the second.
-        reasons: Why; those of what it is made of when it only follows.
-        follows: Whether it differs only because what it is made of does.
+        reasons: Why; when it only follows, the reasons of the terms it is made of.
+        follows: Whether it differs only because terms it is made of differ.
     """
 
     level: Level
@@ -67,7 +67,7 @@ class Change:
 
     @property
     def unexplained(self) -> bool:
-        """Whether no entry of the rule set says why; what only follows is explained where it comes from."""
+        """Whether no entry says why; a term that only follows is explained by those it is made of."""
         return not self.reasons and not self.follows
 
 
@@ -79,7 +79,7 @@ class Comparison:
         first: Id of the first rule set.
         second: Id of the second.
         changes: What differs, from the parts outwards, the score last.
-        undecided: Terms that one of the two leaves open, from the parts outwards.
+        undecided: Terms that are undecided under one of the two, from the parts outwards.
     """
 
     first: str
@@ -95,12 +95,13 @@ def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
 
 
 def compare_rules(first: Certain, second: Certain) -> Comparison:
-    """Every term that both rule sets have, in every scope that both know, and the score.
+    """Compare every term that both rule sets have, in every scope that both have, and the score.
 
-    What no order hangs on, such as the worth of a part had it been a task of another
-    kind, is left out.
+    Terms that no order depends on are left out, such as the value of a part had it been in a
+    task of another kind.
     """
     comparing = _Comparing(first, second)
+    # From the parts outwards: a change inside must be known when what is made of it is explained.
     for pair in _pairs(first, second):
         comparing.take(*pair)
     comparing.explain_from_outside()
@@ -119,7 +120,7 @@ _Key = tuple[str, str]
 
 @dataclass
 class _Comparing:
-    """A comparison in the making: what differs so far, and what rests on what."""
+    """A comparison in progress: what differs so far, and which terms are made of which."""
 
     first: Certain
     second: Certain
@@ -135,6 +136,7 @@ class _Comparing:
         if one.traced is None or other.traced is None:
             self.undecided.append(Undecided(level, path, term, one.reason or other.reason))
             return
+        # What an order is made of matters; a term of a part that no order uses does not.
         if level in ("order", "trial"):
             self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}
             self.decided.add(path)
@@ -145,14 +147,14 @@ class _Comparing:
         self.inner[path, term] = [key for key in _terms_in(*traces) if key in self.changes]
         made_of = [self.changes[key] for key in self.inner[path, term]]
         inherited = tuple(dict.fromkeys(reason for change in made_of for reason in change.reasons))
-        asking = _Asking(self.first, self.second, level, path, term)
-        direct = tuple(asking.reasons(traces, bool(made_of), bool(inherited)))
+        reasons = _Reasons(self.first, self.second, level, path, term)
+        direct = tuple(reasons.of(traces, bool(made_of), bool(inherited)))
         before, after = (traced.value for traced in traces)
         follows = bool(made_of) and not direct
         self.changes[path, term] = Change(level, path, term, before, after, direct or inherited, follows)
 
     def explain_from_outside(self) -> None:
-        """Give what nobody explains the reasons of explained terms that are made of it."""
+        """Give unexplained terms the reasons of explained terms that are made of them."""
         for key, change in self.changes.items():
             if change.unexplained:
                 around = [c for k, c in self.changes.items() if key in self.inner[k] and c.term not in _WHOLE]
@@ -160,22 +162,23 @@ class _Comparing:
                 self.changes[key] = replace(change, reasons=tuple(reasons))
 
     def shown(self) -> Iterator[Change]:
-        """What an order hangs on; all of an order of which nothing is decided."""
+        """The changes an order depends on; every change of an order without any decided term."""
         for key, change in self.changes.items():
             if key in self.counting or change.path.partition("/")[0] not in self.decided:
                 yield change
 
 
 def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
-    """What can be compared, from the parts outwards: level, path, term, and its formula in each."""
+    """What can be compared, from the parts outwards: level, path, term, and both formulas."""
     sheets = first.rule_set.sheet, second.rule_set.sheet
     for level in LEVELS:
         paths = [scope.path for scope in _scopes(first.measured.scopes, level)]
         for path in paths:
             for term in sheets[0].terms.get(level, {}):
                 if term in sheets[1].terms.get(level, {}):
-                    name = Expression.parse(term)
+                    name = Expression.parse(term)  # by name: each rule set evaluates its own formula
                     yield level, path, term, name, name
+    # Where a rule set compares teams, one trial has a task score and no score.
     scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
     whole = _TASK_SCORE if any(sheet.needs_cohort for sheet in sheets) else _SCORE
     yield "trial", "", whole, scores[0], scores[1]
@@ -186,7 +189,7 @@ def _scopes(trial: Scope, level: str) -> list[Scope]:
 
 
 def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
-    """The terms numbers are made of, by path and name."""
+    """The terms that numbers are made of, by path and name."""
     found: dict[tuple[str, str], None] = {}
     open_ = list(traces)
     while open_:
@@ -198,8 +201,8 @@ def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
 
 
 @dataclass(frozen=True)
-class _Asking:
-    """Looks for the differences that the number of one term shows."""
+class _Reasons:
+    """Finds the stated differences that explain the change of one term."""
 
     first: Certain
     second: Certain
@@ -207,14 +210,14 @@ class _Asking:
     path: str
     term: str
 
-    def reasons(
+    def of(
         self, traces: tuple[Traced, Traced], is_made_of: bool, is_explained: bool
     ) -> Iterator[RuleDifference]:
-        """Those of a check that says something else here, and those named for a formula that is another.
+        """Differences of checks with other findings here, and differences of formulas, by name of the term.
 
-        Where what a term is made of differs too and is explained, a formula that is
-        merely written in another way explains nothing; the score alone is always
-        another formula.
+        Where the terms it is made of differ too and are explained, another formula explains
+        nothing, for it may only be written differently. The score is exempt: its formulas
+        always differ.
 
         Args:
             traces: The number under each rule set.
@@ -230,8 +233,9 @@ class _Asking:
         differs = self.second.rule_set.differs
         for difference in differs.because if differs else ():
             named = bool(names & set(difference.terms))
-            telling = {check for check in difference.checks if self._tells(check)}
-            if (named and (telling or by_name)) or telling & self._asked(0) | telling & self._asked(1):
+            differing = {check for check in difference.checks if self._differs(check)}
+            used = self._checks_in(0) | self._checks_in(1)
+            if (named and (differing or by_name)) or differing & used:
                 yield difference
 
     @property
@@ -243,16 +247,16 @@ class _Asking:
         sheets = [certain.rule_set.sheet for certain in (self.first, self.second)]
         return [sheet.score if self._is_score else sheet.terms[self.level][self.term] for sheet in sheets]
 
-    def _asked(self, which: int) -> set[str]:
-        """The checks that the term's own formula asks under one of the two rule sets."""
+    def _checks_in(self, which: int) -> set[str]:
+        """The checks in the term's own formula under one of the two rule sets."""
         checks = (self.first, self.second)[which].rule_set.sheet.checks
         nodes = self._formulas[which].walk()
         return {node.id for node in nodes if isinstance(node, ast.Name) and node.id in checks}
 
-    def _tells(self, check: str) -> bool:
-        """Whether a check says something else here, or is asked by one of the two formulas alone."""
-        one_asks = (check in self._asked(0)) != (check in self._asked(1))
-        return one_asks or _says(self.first, check, self.path) != _says(self.second, check, self.path)
+    def _differs(self, check: str) -> bool:
+        """Whether a check has other findings here, or stands in only one of the two formulas."""
+        only_one = (check in self._checks_in(0)) != (check in self._checks_in(1))
+        return only_one or _found(self.first, check, self.path) != _found(self.second, check, self.path)
 
     def _one_sided(self, *traces: Traced) -> set[str]:
         """Terms a score is made of that only one of the two rule sets has."""
@@ -262,6 +266,7 @@ class _Asking:
 
 
 def _level_of(path: str) -> str:
+    # A path has one part for each level below the trial: order, task, slot.
     return LEVELS[::-1][len(path.split("/")) if path else 0]
 
 
@@ -269,10 +274,10 @@ def _all_terms(rule_set: RuleSet) -> set[str]:
     return {f"{level}.{name}" for level, named in rule_set.sheet.terms.items() for name in named}
 
 
-def _says(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
-    """What a check says within a scope."""
+def _found(certain: Certain, check: str, path: str) -> list[tuple[str, str, tuple[tuple[str, float], ...]]]:
+    """The findings of a check within a scope, without their words."""
     return [
         (finding.subject, finding.verdict.value, tuple(sorted(finding.quantities.items())))
         for finding in certain.measured.of(check).values()
-        if not path or finding.subject == path or finding.subject.startswith(f"{path}/")
+        if is_inside(finding.subject, path)
     ]

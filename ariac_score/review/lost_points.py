@@ -19,7 +19,7 @@ from ariac_score.scoring.scope import Scope
 __all__ = ["Recoverable", "recoverable_losses"]
 
 MOST = 120
-"""More groups than this are not tried: a page tells the largest dozen."""
+"""More groups than this are not tried: a page shows the largest dozen."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class Recoverable:
 def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple[Recoverable, ...]:
     """What would have earned more, largest first; empty without a score.
 
-    Each is tried alone, with everything else as it was, through the formulas of the
-    result's own rule set. So gains of things that depend on each other do not add up:
+    Each loss is tried alone, with everything else as it was, by the formulas of the
+    result's own rule set. Gains that depend on each other therefore do not add up:
     an order's bonus is in the gain of the order, not in that of its parts.
 
     Args:
@@ -76,8 +76,9 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
         for what, kind, keys in list(_groups(result.measured.scopes, wrong))[:MOST]
         if (gain := _gain(result, keys, value)) > 0
     ]
+    # The smallest scope with the same findings names the loss best.
     best: dict[tuple[str, ...], Recoverable] = {}
-    for one in found:  # an order with one task is told once
+    for one in found:  # an order with one task is shown once, as the task
         best.setdefault(one.findings, one)
     return tuple(sorted(best.values(), key=lambda one: (-one.gain, one.what)))
 
@@ -86,21 +87,17 @@ def _gain(
     result: Result, keys: tuple[str, ...], value: Callable[[Mapping[str, Finding]], Number | None]
 ) -> Decimal:
     """How much more the score would be with these findings kept."""
-    assert result.score is not None  # asked only of scored trials
+    assert result.score is not None  # called only for scored trials
     findings = result.measured.findings
     after = value({**findings, **ideal({key: findings[key] for key in keys})})
     return Decimal(0) if after is None else rounded(after, result.digits) - result.score
 
 
 def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Things that can go right together: a check about the whole trial, an order, a task, a part."""
+    """Findings that belong together: of a part, a task, an order, or a check of the whole trial."""
     scoped: set[str] = set()
     for scope, kind in _below(scopes):
-        keys = tuple(
-            key
-            for key, finding in wrong.items()
-            if finding.subject == scope.path or finding.subject.startswith(f"{scope.path}/")
-        )
+        keys = tuple(key for key, finding in wrong.items() if scope.contains(finding.subject))
         scoped.update(keys)
         if keys:
             yield scope.path, kind, keys

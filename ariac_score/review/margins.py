@@ -1,8 +1,8 @@
-"""What every monitor of a result says over time: its margin and its state, instant by instant.
+"""Margin and verdict of every monitor of a result, instant by instant.
 
-A monitor that tells its margin at every sample is taken at its word; one that can watch online
-is asked about every instant. Of any other only what its findings say is known: where they begin
-and end, and the samples they rest on.
+Of a monitor that gives its margin at every sample these are shown; one that can watch online
+is stepped through the trial. Of any other only its findings are known: where they begin and
+end, and the samples they rest on.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from ariac_score.trial.vocabulary import quantity_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["SAID", "MarginSeries", "Moment", "read_again", "tracks"]
+__all__ = ["VERDICTS", "MarginSeries", "Moment", "read_again", "tracks"]
 
-SAID: tuple[Verdict | None, ...] = (
+VERDICTS: tuple[Verdict | None, ...] = (
     Verdict.SATISFIED,
     Verdict.VIOLATED,
     Verdict.INCONCLUSIVE,
     Verdict.NOT_APPLICABLE,
     None,
 )
-"""What a monitor can say of an instant, by number; `None`: nothing."""
+"""The verdicts of an instant, by number; `None`: there is none."""
 
 JUST_AFTER_S = 1e-9
-"""The shortest time that a stamp can tell."""
+"""The shortest time that a stamp resolves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What a monitor says of one instant.
+    """The verdict of a monitor about one instant.
 
     Attributes:
         t_s: The instant, s of trial time.
-        verdict: What holds from here on; `None`: nothing is said.
+        verdict: What holds from here on; `None`: there is no verdict.
         margin: Signed distance to the limit, negative when violated; `None` without one.
         message: One sentence for people; empty where nothing is new.
     """
@@ -70,16 +70,16 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class MarginSeries:
-    """What one monitor says about one subject, in order of time.
+    """Margins and verdicts of one monitor about one subject, in order of time.
 
     Attributes:
         check: Name of the check.
-        subject: Whom it is about.
+        subject: What it is about.
         unit: Unit of the margins.
         t_s: The instants, shape (n,), s of trial time, strictly increasing.
-        said: The verdict of each, as its number in `SAID`, shape (n,).
+        verdicts: The verdict of each, as its number in `VERDICTS`, shape (n,).
         margin: Signed distance to the limit at each; NaN without one.
-        messages: One sentence for people, by row; where nothing is new there is none.
+        messages: One sentence for people, by row; none where nothing is new.
         what: What its margin is of, where a subject has several; empty for the first.
         sampled: Whether its margin is known at every sample, not only where findings rest.
     """
@@ -88,7 +88,7 @@ class MarginSeries:
     subject: str
     unit: str
     t_s: FloatArray
-    said: NDArray[np.uint8]
+    verdicts: NDArray[np.uint8]
     margin: FloatArray
     messages: Mapping[int, str]
     what: str = ""
@@ -104,7 +104,7 @@ class MarginSeries:
             subject,
             unit,
             np.array([moment.t_s for moment in moments], dtype=np.float64),
-            np.array([SAID.index(moment.verdict) for moment in moments], dtype=np.uint8),
+            np.array([VERDICTS.index(moment.verdict) for moment in moments], dtype=np.uint8),
             np.array([math.nan if m.margin is None else m.margin for m in moments], dtype=np.float64),
             {row: moment.message for row, moment in enumerate(moments) if moment.message},
             sampled=sampled,
@@ -113,10 +113,10 @@ class MarginSeries:
     @property
     def moments(self) -> tuple[Moment, ...]:
         """The same one by one."""
-        columns = zip(self.t_s.tolist(), self.said.tolist(), self.margin.tolist(), strict=True)
+        columns = zip(self.t_s.tolist(), self.verdicts.tolist(), self.margin.tolist(), strict=True)
         return tuple(
-            Moment(t_s, SAID[said], None if math.isnan(margin) else margin, self.messages.get(row, ""))
-            for row, (t_s, said, margin) in enumerate(columns)
+            Moment(t_s, VERDICTS[number], None if math.isnan(margin) else margin, self.messages.get(row, ""))
+            for row, (t_s, number, margin) in enumerate(columns)
         )
 
 
@@ -140,7 +140,7 @@ def read_again(result: Result, path: Path, prepared: Prepared) -> Trial:
 
 
 def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[MarginSeries]:
-    """What every monitor says over time, in the order of the rule set.
+    """Margins and verdicts of every monitor over time, in the order of the rule set.
 
     Args:
         result: The result.
@@ -161,12 +161,12 @@ def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[MarginSerie
             own = _watched(plugin, name, check, trial)
         own = [_with_undecided(track, findings) for track in own]
         known = {track.subject for track in own}
-        found += [*own, *_told(name, [f for f in findings if f.subject not in known], result)]
+        found += [*own, *_from_findings(name, [f for f in findings if f.subject not in known], result)]
     return found
 
 
 def _with_undecided(track: MarginSeries, findings: Sequence[Finding]) -> MarginSeries:
-    """A track that says between its samples, where they lack, what is undecided."""
+    """A track with the undecided stretches between its samples."""
     undecided = [
         Moment(f.span.start_s, f.verdict, None, f.message)
         for f in findings
@@ -175,7 +175,7 @@ def _with_undecided(track: MarginSeries, findings: Sequence[Finding]) -> MarginS
     known = set(track.t_s[np.isin(track.t_s, [moment.t_s for moment in undecided])].tolist())
     more: dict[float, Moment] = {}
     for moment in undecided:
-        # What lacks samples is undecided from the last one on, which itself was judged.
+        # A gap begins at its last sample, which itself was judged.
         t_s = moment.t_s + JUST_AFTER_S if moment.t_s in known else moment.t_s
         more[t_s] = replace(moment, t_s=t_s)
     return _inserted(track, [more[t_s] for t_s in sorted(more)]) if more else track
@@ -185,18 +185,19 @@ def _inserted(track: MarginSeries, moments: Sequence[Moment]) -> MarginSeries:
     """A track with more moments, after those of the same time."""
     new = MarginSeries.of("", "", "", moments)
     rows = track.t_s.searchsorted(new.t_s, side="right")
+    # Each message moves by the number of moments inserted before its row.
     messages = {row + int(np.searchsorted(rows, row, side="right")): m for row, m in track.messages.items()}
     messages |= {int(rows[k]) + k: message for k, message in new.messages.items()}
     return replace(
         track,
         t_s=np.insert(track.t_s, rows, new.t_s),
-        said=np.insert(track.said, rows, new.said),
+        verdicts=np.insert(track.verdicts, rows, new.verdicts),
         margin=np.insert(track.margin, rows, new.margin),
         messages=messages,
     )
 
 
-# Monitors that tell their margins ------------------------------------------------------
+# Monitors that give their margins ------------------------------------------------------
 
 
 def _sampled(name: str, charts: Sequence[Chart], findings: Sequence[Finding]) -> list[MarginSeries]:
@@ -206,14 +207,15 @@ def _sampled(name: str, charts: Sequence[Chart], findings: Sequence[Finding]) ->
         t, margin = chart.t, chart.margin
         if not len(t):
             continue
+        # The first keeps the plain topic name, so that it does not depend on how many limits follow.
         several = any(track.subject == chart.subject for track in found)
         violations = [
             f.span
             for f in findings
             if f.span is not None and f.subject == chart.subject and f.verdict is Verdict.VIOLATED
         ]
-        said = _said(t, margin, violations)
-        changed = np.flatnonzero(np.diff(said, prepend=np.array([-1], dtype=np.int8)))
+        verdicts = _verdicts_at(t, margin, violations)
+        changed = np.flatnonzero(np.diff(verdicts, prepend=np.array([-1], dtype=np.int8)))
         messages = _words(chart, margin, changed)
         what = chart.what if several else ""
         found.append(
@@ -222,7 +224,7 @@ def _sampled(name: str, charts: Sequence[Chart], findings: Sequence[Finding]) ->
                 chart.subject,
                 chart.unit,
                 t,
-                said.astype(np.uint8),
+                verdicts.astype(np.uint8),
                 margin,
                 messages,
                 what,
@@ -233,21 +235,21 @@ def _sampled(name: str, charts: Sequence[Chart], findings: Sequence[Finding]) ->
 
 
 _SATISFIED, _VIOLATED, _IDLE = (
-    SAID.index(verdict) for verdict in (Verdict.SATISFIED, Verdict.VIOLATED, Verdict.NOT_APPLICABLE)
+    VERDICTS.index(verdict) for verdict in (Verdict.SATISFIED, Verdict.VIOLATED, Verdict.NOT_APPLICABLE)
 )
 
 
-def _said(t: FloatArray, margin: FloatArray, violations: Sequence[Span]) -> NDArray[np.int8]:
-    """What holds at each sample; a margin of exactly 0 is broken where it counted so."""
+def _verdicts_at(t: FloatArray, margin: FloatArray, violations: Sequence[Span]) -> NDArray[np.int8]:
+    """The verdict at each sample; a margin of exactly 0 is violated where a finding says so."""
     broken, unsure = margin < 0, margin == 0
     for span in violations if unsure.any() else ():
         broken |= unsure & (t >= span.start_s) & (t <= span.end_s)
-    said = np.where(broken, _VIOLATED, _SATISFIED)
-    return np.where(np.isnan(margin), _IDLE, said).astype(np.int8)
+    verdicts = np.where(broken, _VIOLATED, _SATISFIED)
+    return np.where(np.isnan(margin), _IDLE, verdicts).astype(np.int8)
 
 
 def _words(chart: Chart, margin: FloatArray, rows: NDArray[np.intp]) -> dict[int, str]:
-    """What was, beside what may be, at some samples."""
+    """The measured number and its limit at some samples, in words."""
     actual, limit = chart.actual[rows].tolist(), chart.limit[rows].tolist()
     relation = "at most" if chart.at_most else "at least"
     return {
@@ -262,31 +264,31 @@ def _words(chart: Chart, margin: FloatArray, rows: NDArray[np.intp]) -> dict[int
 
 
 def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) -> list[MarginSeries]:
-    """The standing of an online monitor at every instant of the competition, by subject."""
+    """The verdicts of an online monitor about every instant of the competition, by subject."""
     wanted = {need.quantity for need in needs_of(plugin, name, monitor)}
     signals = [s for key, s in sorted(trial.signals.items()) if quantity_of(key) in wanted]
     window = trial.window
-    heard: dict[str, list[InstantVerdict]] = {}
+    verdicts: dict[str, list[InstantVerdict]] = {}
     try:
         with quiet(plugin.origin):
             watch = monitor.begin()
             for samples in _steps(signals):
-                for standing in watch.step(samples):
-                    if window is not None and window.start_s <= standing.t_s <= window.end_s:
-                        heard.setdefault(standing.subject, []).append(standing)
-    except Exception as cause:
+                for verdict in watch.step(samples):
+                    if window is not None and window.start_s <= verdict.t_s <= window.end_s:
+                        verdicts.setdefault(verdict.subject, []).append(verdict)
+    except (Exception, SystemExit) as cause:  # a plugin that calls sys.exit must not end the program
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
-    return [_standing_track(name, subject, standings) for subject, standings in heard.items()]
+    return [_online_track(name, subject, own) for subject, own in verdicts.items()]
 
 
-def _standing_track(name: str, subject: str, standings: Sequence[InstantVerdict]) -> MarginSeries:
-    """What was said of one subject, in words only where the state changes."""
+def _online_track(name: str, subject: str, verdicts: Sequence[InstantVerdict]) -> MarginSeries:
+    """The verdicts about one subject, with a message only where the state changes."""
     moments, before = [], None
-    for one in standings:
+    for one in verdicts:
         words = one.message if one.verdict is not before else ""
         moments.append(Moment(one.t_s, one.verdict, one.robustness, words))
         before = one.verdict
-    return MarginSeries.of(name, subject, standings[-1].unit, moments, sampled=True)
+    return MarginSeries.of(name, subject, verdicts[-1].unit, moments, sampled=True)
 
 
 def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
@@ -294,7 +296,8 @@ def _steps(signals: Sequence[Signal]) -> Iterator[list[Sample]]:
     times = np.concatenate([np.zeros(0), *(signal.t for signal in signals)])
     which = np.repeat(np.arange(len(signals)), [len(signal) for signal in signals])
     index = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(len(s)) for s in signals)])
-    values = [signal.values for signal in signals]  # held, for derived ones are computed when looked at
+    values = [signal.values for signal in signals]  # kept: derived ones are computed at each access
+    # By time, then by signal in the order of names: an online monitor gets the same steps every time.
     order = np.lexsort((which, times))
     for group in np.split(order, np.flatnonzero(np.diff(times[order])) + 1) if len(order) else ():
         yield [
@@ -311,7 +314,7 @@ def _sample(signal: Signal, t_s: float, value: FloatArray) -> Sample:
 # Monitors of which only the findings are known ------------------------------------------
 
 
-def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[MarginSeries]:
+def _from_findings(name: str, findings: Sequence[Finding], result: Result) -> Iterator[MarginSeries]:
     """A track for each subject, made of its findings."""
     subjects: dict[str, list[Finding]] = {}
     for finding in findings:
@@ -327,13 +330,14 @@ def _told(name: str, findings: Sequence[Finding], result: Result) -> Iterator[Ma
 
 
 def _says_more(moment: Moment, known: Moment | None) -> bool:
-    """Whether a moment is worth more than another at the same time: worse news first."""
+    """Whether a moment replaces another at the same time: the worse verdict counts."""
     if known is None or known.verdict is None:
         return True
     return moment.verdict is not None and _rank(moment) < _rank(known)
 
 
 def _rank(moment: Moment) -> tuple[int, float]:
+    # A recording has one state for each instant, so one finding has to win.
     order = [Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE, None]
     return order.index(moment.verdict), math.inf if moment.margin is None else moment.margin
 
@@ -354,4 +358,4 @@ def _moments(finding: Finding, result: Result) -> Iterator[Moment]:
     for t_s in sorted(inside):
         yield Moment(t_s, finding.verdict, margin)
     if span.end_s > span.start_s and span.end_s not in inside:
-        yield Moment(span.end_s, None, None)
+        yield Moment(span.end_s, None, None)  # its finding says nothing about the time after

@@ -1,4 +1,4 @@
-"""Can a log be scored by a rule set, and if not, what is missing and where it would come from?
+"""Can a log be scored by a rule set, and if not, what is missing and which topic would bring it?
 
 For teams before they submit: the same reading and the same checks as for the score itself.
 """
@@ -34,10 +34,10 @@ class Lack:
 
     Attributes:
         what: The check, or `score` for what no record of the trial states.
-        effect: `withholds` the score, `costs` points or the whole score by the rules, or
-            `nothing`, for the score does not depend on it.
+        effect: `withholds` the score; `costs` points or the whole score by the rules;
+            `nothing`, because the score does not depend on it.
         cause: Why it is undecided.
-        remedy: What to record; empty where nothing is known.
+        remedy: What to record; empty where no topic is known to help.
     """
 
     what: str
@@ -48,13 +48,13 @@ class Lack:
 
 @dataclass(frozen=True)
 class Readiness:
-    """What can be said of a log before it is handed in.
+    """Whether a log can be scored, before it is handed in.
 
     Attributes:
-        result: Its result as it stands.
-        lacks: What is undecided, what withholds the score first.
+        result: Its result as it is.
+        lacks: What is undecided; what withholds the score comes first.
         decided: The checks that can be decided.
-        notes: What is as it should be but worth knowing.
+        notes: What needs no remedy but is worth knowing.
     """
 
     result: Result
@@ -64,7 +64,7 @@ class Readiness:
 
     @property
     def ready(self) -> bool:
-        """Whether it can be scored; where scores compare teams, by those who have all logs."""
+        """Whether it can be scored; where scores compare teams, by whoever has all logs."""
         return all(lack.effect != "withholds" for lack in self.lacks)
 
 
@@ -76,7 +76,7 @@ def check_log(
     registry: Registry | None = None,
     progress: Progress = _no_progress,
 ) -> Readiness:
-    """Look whether the log at a path can be scored.
+    """Check whether the log at a path can be scored.
 
     Args:
         path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
@@ -109,6 +109,7 @@ def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
     spans: dict[str, list[Span]] = {}
     for finding in result.measured.findings.values():
         if finding.verdict is Verdict.INCONCLUSIVE:
+            # The first cause stands for all of a check; most often the others repeat it.
             causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)
@@ -123,7 +124,7 @@ def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
 
 
 def _and_others(spans: Sequence[Span]) -> str:
-    """How often a check is undecided, and for how long, where the first time is not the only one."""
+    """How often and for how long a check is undecided, where that happens more than once."""
     if len(spans) < 2:
         return ""
     longest = max(spans, key=lambda span: span.duration_s)
@@ -142,7 +143,7 @@ def _recorded(path: Path, registry: Registry) -> frozenset[str]:
 
 
 def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
-    """Which topics would have decided a check."""
+    """The topics that would have decided a check, in words."""
     log_map = prepared.log_map
     needs = [need for need in prepared.checks[check].needs if not need.optional]
     if not needs:
@@ -151,6 +152,7 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
     wanted = source_quantities(need.quantity for need in needs)
     topics = [channel.topic for channel in log_map.channels if _gives(channel, wanted)]
     signals = ", ".join(sorted({need.quantity for need in needs}))
+    # The strictest need: a topic that meets it meets the others.
     gap_s = min(need.max_gap_s for need in needs)
     return _words(topics, recorded, f"it needs {signals} without gaps longer than {gap_s:g} s, from")
 

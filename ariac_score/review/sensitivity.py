@@ -1,8 +1,8 @@
-"""How much a score or a ranking hangs on the numbers an organiser chose.
+"""How much a score or a ranking depends on the numbers an organiser chose.
 
 Each parameter of the formulas, and each number given to a monitor, is varied over a
-range while everything else stays. Formulas need only what was measured; a monitor's
-own numbers need the log, to measure again.
+range while everything else stays. Formulas need only the findings; a monitor's own
+numbers need the log, to measure again.
 """
 
 from __future__ import annotations
@@ -50,11 +50,12 @@ __all__ = [
 NEEDS_LOG = "needs the log, to measure again"
 UNUSED = "the score does not use it"
 PRECISION = 1e-6
-"""Relative to the range: how exactly the value is found at which something changes."""
+"""How exactly the value is found at which something changes, relative to the range."""
 
 _GRID = 8
-"""Steps over a range; changes that undo each other between two of them are not seen."""
+"""Steps over a range; changes that cancel each other between two of them are not found."""
 _NUDGE = 1e-4
+"""Relative step of the central difference, far above the rounding of float64."""
 _MOST_SHIFTS = 20
 _AROUND = (0.5, 2.0)
 
@@ -63,7 +64,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Knob:
-    """A number that can be chosen.
+    """A number that an organiser chose.
 
     Attributes:
         name: A parameter, or `check.parameter` of a monitor.
@@ -100,8 +101,8 @@ class ScoreSensitivity:
         high: Score at its highest value.
         elasticity: By how many percent the score changes for one percent of the number,
             at its value; `None` where the score or the number is 0.
-        changes_below: The nearest lower value at which the rounded score is another one;
-            `None` when it is the same down to the lowest.
+        changes_below: The nearest lower value at which the rounded score differs; `None` when
+            it is the same down to the lowest.
         changes_above: The nearest higher one.
         skipped: Why it was not varied; empty when it was.
     """
@@ -144,7 +145,7 @@ class RankSensitivity:
 
 
 def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
-    """The numbers of a rule set: parameters of its formulas, then those its monitors are given.
+    """The numbers of a rule set: parameters of its formulas, then the numbers given to its monitors.
 
     Raises:
         RuleSetError: A range is given for something of a monitor that is no number.
@@ -181,14 +182,16 @@ def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
 
 def _knob(rule_set: RuleSet, name: str, base: float, *, used: bool, check: str = "") -> Knob:
     declared = rule_set.ranges.get(name)
+    # Sorted, for of a negative number the double is the lower one; of 0 there is neither half nor double.
     low, high = declared or (sorted(base * factor for factor in _AROUND) if base else (0.0, 1.0))
     return Knob(name, base, low, high, declared is not None, check, used)
 
 
-def turned(rule_set: RuleSet, knob: Knob, value: float) -> RuleSet:
+def with_value(rule_set: RuleSet, knob: Knob, value: float) -> RuleSet:
     """The rule set with another value of a number."""
     if not knob.check:
         parameters = {**rule_set.sheet.parameters, knob.name: value}
+        # Without `expanded`: as text it would still show the old value.
         return replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters), expanded={})
     check = rule_set.checks[knob.check]
     changed = replace(check, parameters={**check.parameters, knob.parameter: value})
@@ -211,14 +214,14 @@ class _Log:
         self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 
     def measure(self, rule_set: RuleSet, only: str = "") -> Measured:
-        """What the checks of a rule set find in it, or one of them alone."""
+        """What the checks of a rule set find in it, or what only one of them finds."""
         prepared = prepare(rule_set, registry=self.registry)
-        # What is derived depends on the needs of all, so it is that of all even for one.
+        # Derived signals depend on the needs of all checks, so they are those of all even for one check.
         trial = self._derived(prepared)
         return measure_trial(trial, prepared.only([only]) if only else prepared)
 
     def measure_again(self, measured: Measured, rule_set: RuleSet, check: str) -> Measured:
-        """What was measured, with what one check finds now."""
+        """What was measured, with the new findings of one check."""
         kept = {name: f for name, f in measured.findings.items() if f.check != check}
         return replace(measured, findings={**kept, **self.measure(rule_set, check).findings})
 
@@ -250,6 +253,7 @@ def score_sensitivity(
             f"it has no score: {again.status}", hint="only a score can be sensitive to anything"
         )
     read = None if log is None else _Log(log, rule_set, registry)
+    # Compared before anything is varied: numbers of another log would look like effects of a parameter.
     if read is not None and _score(read.measure(rule_set), rule_set, again) != _score(
         again.measured, rule_set, again
     ):
@@ -269,7 +273,7 @@ def _scorer(
     knob: Knob, rule_set: RuleSet, result: Result, log: _Log | None
 ) -> Callable[[float], float | None]:
     def score(value: float) -> float | None:
-        rules = turned(rule_set, knob, value)
+        rules = with_value(rule_set, knob, value)
         measured = result.measured
         if knob.check and log is not None:
             measured = log.measure_again(measured, rules, knob.check)
@@ -293,6 +297,7 @@ def _score_over(knob: Knob, score: Callable[[float], float | None], digits: int)
         found = _or_none(score, value)
         return "none" if found is None else str(rounded(found, digits))
 
+    # A change is one that people see: of the rounded score.
     known = _Remembered(shown)
     below = _first_change(known, knob.base, knob.low)
     above = _first_change(known, knob.base, knob.high)
@@ -348,11 +353,11 @@ def _first_change(of: Callable[[float], Any], base: float, end: float) -> float 
 
 
 def _edge(of: Callable[[float], Any], same: float, other: float, precision: float) -> float:
-    """Where, between two values, it stops being as at the first; the far side of the edge."""
+    """Where, between two values, the outcome stops being that of the first; the far side of the edge."""
     at_first = of(same)
     while abs(other - same) > precision:
         middle = (same + other) / 2
-        if middle in (same, other):
+        if middle in (same, other):  # neighbours in float64: nothing lies between them
             break
         if of(middle) == at_first:
             same = middle
@@ -371,7 +376,7 @@ def rank_sensitivity(
     *,
     registry: Registry,
 ) -> list[RankSensitivity]:
-    """At which values of each number of a rule set the ranks of a competition change.
+    """The values of each number of a rule set at which ranks of a competition change.
 
     Args:
         competition: Its teams, trials and runs.
@@ -424,10 +429,10 @@ def _ranker(
     logs: Mapping[RunKey, _Log],
 ) -> Callable[[float], Ranks | None]:
     def ranks(value: float) -> Ranks | None:
-        rules = turned(rule_set, knob, value)
+        rules = with_value(rule_set, knob, value)
         try:
             priced = {key: _under(rules, knob, result, logs.get(key)) for key, result in results.items()}
-        except (PluginError, RuleSetError):
+        except (PluginError, RuleSetError):  # a plugin refuses this value: nobody has a rank there
             return None
         ranking = rank_results(
             competition, ranking_spec(rules, competition.ranking, file=str(competition.file)), rules, priced
@@ -438,13 +443,15 @@ def _ranker(
 
 
 def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | None) -> Result | ScoreError:
-    """A run priced by other rules, and measured again where it is a monitor that changed."""
+    """A run priced by other rules, and measured again where a monitor's number changed."""
     if isinstance(result, ScoreError):
         return result
     if knob.check:
+        # `reprice` looks for each check with the parameters of the new rules.
         checks = dict(result.checks)
         if knob.check in checks:
             checks[knob.check] = {**checks[knob.check], "with": dict(rules.checks[knob.check].parameters)}
+        # A stored run among logs cannot be measured again: its findings stay.
         measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
         result = replace(result, measured=measured, checks=checks)
     try:
@@ -458,13 +465,13 @@ def _ranks(ranking: Ranking) -> Ranks:
 
 
 def _shifts(knob: Knob, ranks: Callable[[float], Ranks | None]) -> Iterator[RankShift]:
-    """Every value at which ranks change, from the lowest up, as far as a fine grid shows them."""
+    """Every value at which ranks change, from the lowest up, as far as a grid shows them."""
     precision = PRECISION * max(abs(knob.low), abs(knob.high))
     grid = sorted(
         {knob.low + (knob.high - knob.low) * step / _GRID for step in range(_GRID + 1)} | {knob.base}
     )
     grid = [value for value in grid if knob.low <= value <= knob.high]
-    count = 0
+    count = 0  # bounded: every edge takes some twenty rankings to find
     for left, right in pairwise(grid):
         at = left
         while ranks(at) != ranks(right) and count < _MOST_SHIFTS:

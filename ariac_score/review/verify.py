@@ -1,13 +1,13 @@
-"""Holding a stored result against itself, against the installed versions, and against its log.
+"""Checking a stored result: in itself, against the installed versions, and against its log.
 
-A result can be checked alone as far as its score follows from its findings. That the findings
-are those of the log takes the log: then everything is computed again and compared to the byte.
+Without its log a result can only be checked for whether its score follows from its findings.
+With the log everything is computed again and compared to the byte.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 
 from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.documents.schema import strict_json
-from ariac_score.engine.price import reprice
+from ariac_score.engine.price import check_uses, reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.engine.settings import plain_value
 from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
@@ -30,7 +30,7 @@ from ariac_score.results.result_file import (
     read_result,
     result_in,
 )
-from ariac_score.scoring.ruleset import RuleSet, differences, expanded_yaml, load_rule_set, rule_set_from_text
+from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, load_rule_set, rule_set_from_text
 
 __all__ = ["Step", "Verification", "verify_result"]
 
@@ -42,11 +42,11 @@ OK, FAILED, NOTE = "ok", "failed", "note"
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that was looked at.
+    """One step of the verification.
 
     Attributes:
         name: Such as `schema` or `recomputed`.
-        outcome: `ok`, `failed`, or `note` for what may differ without anything being wrong.
+        outcome: `ok`, `failed`, or `note` for a difference that need not be a fault.
         words: What was found; several lines for several differences.
     """
 
@@ -57,7 +57,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Verification:
-    """What holds of a stored result.
+    """The outcome of verifying a stored result.
 
     Attributes:
         steps: In the order in which they were taken.
@@ -87,7 +87,7 @@ def verify_result(
     Args:
         path: The result.
         log: Its log, bundle, or the competition it is a run of; then everything is computed again.
-        rules: The rule set it should be by; without it, what is installed under the same name.
+        rules: The rule set it must be scored by; without it, the installed one of the same name.
         log_map: Log map, where the rule set names one that lies elsewhere.
         adjustments: The stewards' file, where the result is adjusted.
         registry: The installed plugins.
@@ -108,12 +108,13 @@ def verify_result(
     steps += _follows(result)
     steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
-    steps.append(_rules(result, given, asked=bool(rules)))
+    steps.append(_rules(result, given, required=bool(rules)))
     steps.append(_code(result))
     if adjustments is not None:
         steps.append(_adjustments(result, adjustments))
     if log is not None:
-        rule_set = _rule_set_for(result, given, asked=bool(rules))
+        rule_set = _rule_set_for(result, given, required=bool(rules))
+        # The automatic result: decisions of stewards are applied to it, not measured.
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
         again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
         again, parts = _as_it_was_read(result.automatic, again)
@@ -167,7 +168,7 @@ def _read(path: Path) -> tuple[str, Any]:
         ) from None
 
 
-def _told(error: ScoreError) -> str:
+def _fault(error: ScoreError) -> str:
     return f"{error.place}: {error.cause}" if error.place else error.cause
 
 
@@ -177,10 +178,11 @@ def _amount(result: Result) -> str:
 
 def _unread(error: ResultError, data: Any) -> tuple[Step, ...]:
     """What is wrong with a file that no result can be built from: its form, or its sums."""
+    # `$` is a place in a document; the ledger's own lines have paths such as `score/rounding`.
     if error.place.startswith("$"):
         update = f"; {error.hint}" if RESULT.newer(data) else ""
-        return (Step("schema", FAILED, _told(error) + update),)
-    return (Step("schema", OK, str(data["schema"])), Step("sums", FAILED, _told(error)))
+        return (Step("schema", FAILED, _fault(error) + update),)
+    return (Step("schema", OK, str(data["schema"])), Step("sums", FAILED, _fault(error)))
 
 
 def _follows(result: Result) -> Iterator[Step]:
@@ -191,7 +193,7 @@ def _follows(result: Result) -> Iterator[Step]:
             "automatic", OK, f"{_amount(result)} follows from the findings, by the rules in the result"
         )
     except ResultError as error:
-        yield Step("automatic", FAILED, _told(error))
+        yield Step("automatic", FAILED, _fault(error))
         return
     adjusted = result.adjusted
     if adjusted is None:
@@ -202,16 +204,16 @@ def _follows(result: Result) -> Iterator[Step]:
         names = ", ".join(decision.id for decision in adjusted.adjustments)
         yield Step("adjusted", OK, f"{final} follows from the automatic score and the decisions: {names}")
     except ResultError as error:
-        yield Step("adjusted", FAILED, _told(error))
+        yield Step("adjusted", FAILED, _fault(error))
 
 
 def _canonical(text: str, tag: str, result: Result) -> Step:
-    """Whether the file is what is written for such a result, which an editor seldom keeps."""
+    """Whether the file has the bytes we write for such a result, which editors seldom keep."""
     if tag != RESULT.tag:
         return Step("bytes", NOTE, f"{tag} is read, but no longer written; its values were compared")
     if text == as_json(result):
         return Step("bytes", OK, "as they are written")
-    found = list(_different(json.loads(text), json.loads(as_json(result)), "$"))
+    found = _differences(json.loads(text), json.loads(as_json(result)))
     words = (
         "the same values, written in another way" if not found else _listed(found, "in the file", "as read")
     )
@@ -227,16 +229,16 @@ def _installed(result: Result) -> RuleSet | None:
         return None
 
 
-def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
+def _rules(result: Result, given: RuleSet | None, *, required: bool) -> Step:
+    """Whether the rules in the result are those it names, and those that are given or installed."""
     name, sha256 = result.provenance.rule_set.id, result.provenance.rule_set.sha256
     own = rule_set_from_text(result.rules, file="the rules in the result")
-    worse = FAILED if asked else NOTE
+    worse = FAILED if required else NOTE  # another edition of the package may have newer rules
     if own.id != name:
         return Step(
             "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
         )
-    used = {check: _used(own, check) for check in own.checks}
-    if (own.title, own.notes, used) != (result.rule_set_title, result.notes, result.checks):
+    if (own.title, own.notes, check_uses(own)) != (result.rule_set_title, result.notes, result.checks):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
     for check, parameter in _given_otherwise(result):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
@@ -244,8 +246,8 @@ def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
     if given is None:
         return Step("rules", NOTE, f"{name} is not installed here; the rules in the result were used")
     if expanded_yaml(given) != expanded_yaml(own):
-        found = list(differences(own.expanded, given.expanded))
-        whose = "given" if asked else "installed"
+        found = _differences(own.expanded, given.expanded)
+        whose = "given" if required else "installed"
         words = _listed(found, "in the result", f"in {given.id} as {whose}")
         return Step("rules", worse, f"{name} is another rule set than {given.id} as {whose}: {words}")
     if given.sha256 != sha256:
@@ -256,13 +258,13 @@ def _rules(result: Result, given: RuleSet | None, *, asked: bool) -> Step:
 
 
 def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
-    """Parameters that the settings have from the rule set, and the rule set does not give so."""
+    """Parameters that the settings ascribe to the rule set with another value than it gives."""
     for name, kept in (result.measured.settings or {}).items():
         given = dict(result.checks[name]["with"] if name in result.checks else {})
-        told = {one.name: one for one in kept.parameters}
-        for parameter in sorted(given.keys() - told.keys()):
+        stated = {one.name: one for one in kept.parameters}
+        for parameter in sorted(given.keys() - stated.keys()):
             yield name, parameter
-        for parameter, one in told.items():
+        for parameter, one in stated.items():
             if one.origin == "rule_set" and (
                 parameter not in given or _text(one.value) != _text(plain_value(given[parameter]))
             ):
@@ -271,16 +273,6 @@ def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
 
 def _text(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
-
-
-def _used(rule_set: RuleSet, name: str) -> dict[str, Any]:
-    check = rule_set.checks[name]
-    return {
-        "use": check.use,
-        "with": dict(check.parameters),
-        "on_inconclusive": check.on_inconclusive,
-        "priced": name in rule_set.sheet.priced,
-    }
 
 
 def _code(result: Result) -> Step:
@@ -300,6 +292,7 @@ def _other(code: Code) -> str:
     try:
         here = version(distribution)
         own = package_sha256(package)
+    # ValueError and ImportError: `find_spec` raises them for names that are no importable package here.
     except (PackageNotFoundError, PluginError, ValueError, ImportError):
         return f"{distribution} {recorded} with {package} made it, and is not installed here"
     if here != recorded:
@@ -310,7 +303,7 @@ def _other(code: Code) -> str:
 
 
 def _adjustments(result: Result, file: Path) -> Step:
-    """Whether the stewards' file gives what the result says."""
+    """Whether the stewards' file gives the adjusted score of the result."""
     if result.adjusted is None:
         return Step("adjustments", FAILED, "the result is automatic; nobody has adjusted it")
     loaded = load_adjustments(file)
@@ -322,17 +315,18 @@ def _adjustments(result: Result, file: Path) -> Step:
         return Step(
             "adjustments", OK, f"the decisions are those of {file.name}, sha256 {loaded.sha256[:16]}…"
         )
-    found = list(_different(json.loads(as_json(result)), json.loads(as_json(again)), "$"))
+    found = _differences(json.loads(as_json(result)), json.loads(as_json(again)))
     return Step("adjustments", FAILED, _listed(found, "in the result", f"by {file.name}"))
 
 
 # With its log --------------------------------------------------------------------------
 
 
-def _rule_set_for(result: Result, given: RuleSet | None, *, asked: bool) -> RuleSet:
-    """The rules to compute by: those asked for, else those in the result."""
+def _rule_set_for(result: Result, given: RuleSet | None, *, required: bool) -> RuleSet:
+    """The rules to compute by: the required ones, else those in the result."""
     own = rule_set_from_text(result.rules, file="the rules in the result")
-    if given is not None and (asked or expanded_yaml(given) == expanded_yaml(own)):
+    # An installed rule set of the same text may lie in a folder with files that its log map names.
+    if given is not None and (required or expanded_yaml(given) == expanded_yaml(own)):
         return given
     return replace(own, sha256=result.provenance.rule_set.sha256)
 
@@ -361,6 +355,7 @@ def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry:
 
 def _competition(log: Path, rule_set: RuleSet) -> Competition | None:
     """The competition at a path, where there is one."""
+    # Cheap signs first: loading lists every run, and most logs are no competition.
     if log.name != FILE and not (log / FILE).is_file() and not (log / "logs").is_dir():
         return None
     try:
@@ -384,7 +379,7 @@ def _run_of(stored: Result, competition: Competition) -> Run:
 
 
 def _as_it_was_read(stored: Result, again: Result) -> tuple[Result, list[Step]]:
-    """A result of whole files with the sources of one that read parts of them, and what that means."""
+    """The new result with the sources of the stored one where that read only parts of files, and a note."""
     parts = {(s.role, s.name, s.bytes): s for s in stored.provenance.inputs if s.read_bytes is not None}
     inputs = tuple(parts.get((s.role, s.name, s.bytes), s) for s in again.provenance.inputs)
     words = [
@@ -421,11 +416,8 @@ def _recomputed(stored: Result, again: Result) -> Step:
     before, after = as_json(stored), as_json(again)
     if before == after:
         return Step("recomputed", OK, "the same to the byte")
-    found = list(_different(json.loads(before), json.loads(after), "$"))
-    # A result that keeps no settings is of a version before they were kept, or was robbed of them.
-    unpriced = ("$.provenance", *(() if stored.measured.settings is not None else ("$.measured.settings",)))
-    # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
-    values = [each for each in found if not each[0].startswith(unpriced) and ".units" not in each[0]]
+    found = _differences(json.loads(before), json.loads(after))
+    values = [each for each in found if not _is_record(each[0], stored)]
     words = (
         _listed(values, "in the result", "computed again")
         if values
@@ -436,8 +428,18 @@ def _recomputed(stored: Result, again: Result) -> Step:
     return Step("recomputed", FAILED, "\n".join([words, *versions]))
 
 
+def _is_record(place: _Place, stored: Result) -> bool:
+    """Whether a difference is about how a result came about, and not about what was found."""
+    # Without settings a result is of a version before they were kept, or they were removed from it.
+    if place[:2] == ("measured", "settings"):
+        return stored.measured.settings is None
+    # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
+    is_unit = place[:2] == ("measured", "findings") and place[3:4] == ("units",)
+    return place[:1] == ("provenance",) or is_unit
+
+
 def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
-    """Which of what made a result is not what computed it again."""
+    """The rules and packages that differ between a result and its computation now."""
     for what, one, other in (
         ("rule set", stored.rule_set, again.rule_set),
         ("log map", stored.log_map, again.log_map),
@@ -451,30 +453,43 @@ def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
     for distribution, package in dict.fromkeys([*then, *here]):
         before, after = then.get((distribution, package)), here.get((distribution, package))
         if before != after:
-            told = [
+            words = [
                 "nothing" if each is None else f"version {each[0]}, sha256 {each[1][:16]}…"
                 for each in (before, after)
             ]
-            yield f"another {package} of {distribution}: {told[0]}; here {told[1]}"
+            yield f"another {package} of {distribution}: {words[0]}; here {words[1]}"
     if stored.ignored != again.ignored:
         yield "other files were passed over"
 
 
-def _different(first: Any, second: Any, place: str) -> Iterator[tuple[str, Any, Any]]:
-    """Where two values of JSON differ: place, first, second; `None` where one has nothing."""
+_Place = tuple[str | int, ...]
+"""Keys and indices from the root of a document."""
+
+
+def _differences(first: Any, second: Any) -> list[tuple[_Place, Any, Any]]:
+    """Where two documents differ: place, first value, second value; `None` where one has none."""
+    return list(_different(first, second, ()))
+
+
+def _different(first: Any, second: Any, place: _Place) -> Iterator[tuple[_Place, Any, Any]]:
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         for key in dict.fromkeys([*first, *second]):
-            yield from _different(first.get(key), second.get(key), f"{place}.{key}")
+            yield from _different(first.get(key), second.get(key), (*place, key))
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         for i, (one, other) in enumerate(zip(first, second, strict=True)):
-            yield from _different(one, other, f"{place}[{i}]")
+            yield from _different(one, other, (*place, i))
     elif first != second:
         yield place, first, second
 
 
-def _listed(found: list[tuple[str, Any, Any]], first: str, second: str) -> str:
+def _place_text(place: _Place) -> str:
+    return "$" + "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in place)
+
+
+def _listed(found: Sequence[tuple[_Place, Any, Any]], first: str, second: str) -> str:
     lines = [
-        f"{place}: {_short(one)} {first}, {_short(other)} {second}" for place, one, other in found[:SHOWN]
+        f"{_place_text(place)}: {_short(one)} {first}, {_short(other)} {second}"
+        for place, one, other in found[:SHOWN]
     ]
     return "\n".join([*lines, *([f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else [])])
 

@@ -402,6 +402,7 @@ class _Evaluator:
         assert isinstance(node.func, ast.Name)  # _problem let nothing else through
         function = node.func.id
         options = {str(k.arg): self.visit(k.value).value for k in node.keywords}
+        # The environment first: `count(check)` and `sum(order.x)` share names with plain functions.
         traced = self.environment.call(function, [self.expression.part(a) for a in node.args], options)
         if traced is not None:
             return self._sound(traced, node)

@@ -171,6 +171,7 @@ def _parameters(
     document: YamlDocument, penalty: Penalty, charged: list[_Charged], scale: float
 ) -> dict[str, Any]:
     own = document.data.get("parameters", {})
+    # Weights and scale are set under `safety` alone; other parameters of the penalty are only defaults.
     from_safety = {each.parameter: each.weight for each in charged} | {_SCALE: scale}
     for name in from_safety:
         if name in own:

@@ -375,32 +375,9 @@ def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) ->
 
 def _parsed(document: YamlDocument) -> RuleSet:
     data = document.data
-    checks: dict[str, Check] = {}
-    for key in ("rules", "monitors"):
-        for name, body in data.get(key, {}).items():
-            if name in checks:
-                raise RuleSetError(
-                    f"{name!r} is both a rule and a monitor",
-                    file=document.file,
-                    place=document.place([key, name]),
-                    hint="formulas use these names: each must be one thing",
-                )
-            checks[name] = _check(document, key, name, body)
+    checks = _checks(document)
     try:
-        sheet = ScoreSheet(
-            terms={
-                level: {
-                    name: Expression.parse(text, where=f"$.terms.{level}.{name}")
-                    for name, text in data.get("terms", {}).get(level, {}).items()
-                }
-                for level in LEVELS
-            },
-            score=Expression.parse(data["score"], where="$.score"),
-            checks=frozenset(checks),
-            parameters=data.get("parameters", {}),
-            cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
-            task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
-        )
+        sheet = _sheet(data, checks)
         printed = _printed_text(data, sheet)
     except FormulaError as error:
         error.file = document.file
@@ -425,6 +402,40 @@ def _parsed(document: YamlDocument) -> RuleSet:
         ranges=_ranges(document, checks),
         breaks=data.get("breaks", {}),
         printed=printed,
+    )
+
+
+def _checks(document: YamlDocument) -> dict[str, Check]:
+    """Rules and monitors, by name."""
+    checks: dict[str, Check] = {}
+    for key in ("rules", "monitors"):
+        for name, body in document.data.get(key, {}).items():
+            if name in checks:
+                raise RuleSetError(
+                    f"{name!r} is both a rule and a monitor",
+                    file=document.file,
+                    place=document.place([key, name]),
+                    hint="formulas use these names: each must be one thing",
+                )
+            checks[name] = _check(document, key, name, body)
+    return checks
+
+
+def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
+    """The formulas of a rule set, with the names they may use."""
+    return ScoreSheet(
+        terms={
+            level: {
+                name: Expression.parse(text, where=f"$.terms.{level}.{name}")
+                for name, text in data.get("terms", {}).get(level, {}).items()
+            }
+            for level in LEVELS
+        },
+        score=Expression.parse(data["score"], where="$.score"),
+        checks=frozenset(checks),
+        parameters=data.get("parameters", {}),
+        cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
+        task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
     )
 
 

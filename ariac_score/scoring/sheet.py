@@ -42,6 +42,7 @@ def _violations(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
 
 
 def _seconds(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+    # An episode bridges short pauses, so its time in violation can be less than its length.
     return [
         (key, f.quantities.get("time_in_violation_s", f.span.duration_s if f.span else 0.0))
         for key, f in findings.items()
@@ -423,6 +424,7 @@ class _Pricing:
     def term(self, scope: Scope, name: str, outer: tuple[Scope, ...]) -> Traced:
         """A named term of one scope."""
         key = (scope.path, f"{scope.level}.{name}")
+        # Evaluated once: terms of parts are named by many formulas further out.
         if key not in self._terms:
             formula = self.sheet.terms[scope.level][name]
             try:
@@ -532,6 +534,7 @@ class _Environment:
         )
         label = f"{function}({argument.source})"
         values = [value.value for value in each]
+        # The sum of nothing is 0; a mean, least or largest of nothing is no number.
         if function in ("mean", "min", "max") and not values:
             raise FormulaError(
                 f"{label}: there is no {level} in {self.scope.path or 'the trial'}",
@@ -656,6 +659,7 @@ def _occurrences(findings: Mapping[str, Finding], every_s: Number, label: str) -
     if not every_s > 0:
         raise FormulaError(f"{label}: every_s must be positive", hint="give a time in s, such as 5")
     return [
+        # What happens at one moment has no length and counts once.
         (key, 1 + math.floor(f.span.duration_s / every_s + _WHOLE) if f.span else 1)
         for key, f in findings.items()
         if f.verdict is Verdict.VIOLATED

@@ -234,6 +234,7 @@ def adjusted_ledger(
         lines.append(Line("score/automatic", "automatic score", "amount", automatic, float(automatic)))
     for number, adjustment in enumerate(ordered, start=1):
         after = _after(running, adjustment, ordered[:number], findings, price, digits)
+        # A first score counts as moved from 0; the line says that there was none before.
         moved = (after or Decimal(0)) - (running or Decimal(0))
         lines.append(_line(adjustment, number, moved, nothing_before=running is None))
         running = after

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from ariac_score.checks.registry import Registry
+from ariac_score.errors import PluginError
 from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.testing.recordings import RecordsTrials, recorded_messages
 from ariac_score.testing.rosmonitoring import write_event_log
@@ -69,8 +71,10 @@ def _parser(recorders: Mapping[str, RecordsTrials]) -> argparse.ArgumentParser:
 
 def _recorders() -> dict[str, RecordsTrials]:
     """The installed competitions that offer recordings, by name."""
-    plugins = Registry().all("ariac_score.competitions")
-    built = {plugin.name: plugin.build({}) for plugin in plugins}
+    registry, built = Registry(), {}
+    for name in registry.names("ariac_score.competitions"):
+        with suppress(PluginError):  # 'plugins doctor' names it
+            built[name] = registry.find("ariac_score.competitions", name).build({})
     return {name: one for name, one in built.items() if isinstance(one, RecordsTrials)}
 
 

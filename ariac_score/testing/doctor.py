@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS
-from ariac_score.checks.registry import Plugin, Registry, package_sha256
+from ariac_score.checks.registry import Plugin, Registry, package_sha256, unreadable_distributions
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
 from ariac_score.testing.contract_check import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
@@ -50,7 +50,11 @@ class Ailment:
 def ailments() -> list[Ailment]:
     """Everything that is wrong with what is installed."""
     registry = Registry()
-    found = [*_unknown_groups(registry)]
+    found = [
+        Ailment(one.origin, one.reason, "none of its plugins is used; repair or reinstall it")
+        for one in unreadable_distributions()
+    ]
+    found += _unknown_groups(registry)
     for group in GROUPS:
         for plugin in registry.all(group):
             found += (Ailment(plugin.origin, problem, hint) for problem, hint in _problems(registry, plugin))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -165,7 +166,8 @@ def _check_ids(order: Order, file: object) -> None:
         ("shipments", [task.id for task in order.tasks]),
         *(("slots", [wanted.slot for wanted in task.products]) for task in order.tasks),
     ):
-        twice = sorted({name for name in names if names.count(name) > 1})
+        # Counted once: a stranger's order may have as many products as fit into a line of a log.
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise LogError(
                 f"order {order.id!r} has two {what} named {twice[0]!r}",
@@ -331,9 +333,10 @@ def _irregular(counted: Sequence[Submission], orders: Sequence[Order]) -> dict[s
 
 def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
     """The clocks of the parts, the one with most detail of each; that of the times stands first."""
-    timed_first = sorted(parts, key=lambda part: part.recorded is None)
+    # Times of one kind of clock are taken as comparable even where one log does not give its origin.
+    ranked = sorted(parts, key=lambda part: (part.recorded is None, _times_clock(part).origin_ns is None))
     found: dict[tuple[str, int | None], Clock] = {}
-    for clock in (clock for part in timed_first for clock in part.clocks):
+    for clock in (clock for part in ranked for clock in part.clocks):
         key = clock.kind, clock.origin_ns
         found[key] = max(found.get(key, clock), clock, key=lambda c: len(c.detail))
     return tuple(found.values())

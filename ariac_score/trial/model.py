@@ -385,6 +385,10 @@ class LogDefect:
     count: int
     message: str
 
+    def __post_init__(self) -> None:
+        if self.count < 0:
+            raise ValueError(f"defect {self.kind!r} of {self.where!r} has a count of {self.count}")
+
 
 # eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True, eq=False)

@@ -107,6 +107,7 @@ def argument(data: Data, env: Env) -> Json:
     if isinstance(data, Var) and data.name not in env:
         return False
     value = _value(data, env)
+    # Given a list, the reference tries to load files that are named by its elements.
     if isinstance(value, dict | list):
         raise RmlRunError(
             f"{_named(data)} is {shown(value)}, which cannot be an argument of an equation", kind="type_error"

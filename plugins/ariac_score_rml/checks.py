@@ -225,6 +225,7 @@ def _can_be_empty(exp: Exp, empties: Mapping[str, bool]) -> bool:
     if isinstance(exp, Post):
         inner = exp.op == "plus" or (exp.op == "times" and exp.count > 0)
         return _can_be_empty(exp.body, empties) if inner else True
+    # A filter without its second branch has one child: the missing one is `all`, which can be empty.
     parts = [_can_be_empty(child, empties) for child in _children(exp)]
     return any(parts) if isinstance(exp, Chain) and exp.op == "or" else all(parts)
 

@@ -168,6 +168,7 @@ class Solver:
                         kind="unsupported",
                         hint="give all but one of them a value in the pattern or by an equation",
                     )
+            # Terms that still wait for an unknown are dropped, as in the reference: they forbid nothing.
             yield state.values
 
     def _solved(self, guard: Data, scope: Scope, state: _State) -> Iterator[_State]:
@@ -188,7 +189,7 @@ class Solver:
         try:
             left = self._term(guard.args[0], scope, state)
             difference = _plus(left, self._term(guard.args[1], scope, state), -1.0)
-        except _NoValueError:
+        except _NoValueError:  # in a condition of `if` it is an error instead, as in the reference
             return False
         if isinstance(difference, float):
             return self._holds(guard.op, difference)

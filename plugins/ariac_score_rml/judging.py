@@ -228,15 +228,24 @@ class Judgement:
         return Finding(self._subject, Verdict.INCONCLUSIVE, message, span=span, labels=self._labels)
 
     def _end(self, trial: Trial) -> list[Finding]:
-        """The violation of a trial that ends where the specification may not."""
+        """The finding about a trial that ends where the specification may not."""
         watch = self._watch
         restarted = self._settings.after == "restart" and bool(watch.rejected.any())
-        if watch.end != "f" or trial.ended_s is None or (restarted and watch.fresh):
+        if watch.end != "f" or (restarted and watch.fresh):
             return []
         end_s = float(self._stream.t[-1])
-        message = "the trial ends where the specification still asks for something"
-        span = Span(end_s, end_s)
-        return [Finding(self._subject, Verdict.VIOLATED, message, span=span, labels=self._labels)]
+        message, verdict = "the trial ends where the specification still asks for something", Verdict.VIOLATED
+        if trial.ended_s is None:
+            # What it asks for may have come after the recording. A log with a start and no end has
+            # its own finding about that.
+            if not self._decided:
+                return []
+            message = (
+                "the log ends where the specification still asks for something, and does not show "
+                "the end of the competition"
+            )
+            verdict = Verdict.INCONCLUSIVE
+        return [Finding(self._subject, verdict, message, span=Span(end_s, end_s), labels=self._labels)]
 
     def _kept(self) -> Finding:
         if not np.isfinite(self._margin).any():

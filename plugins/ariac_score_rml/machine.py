@@ -235,6 +235,7 @@ class Machine:
     def _shuffle(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         left, right = term.parts
         fork = self.terms.fork
+        # Committed as well: an event that both sides would take goes to the left one.
         return self._step, (
             left,
             lambda state, bound, _: (succeed, (fork(state, right), bound, fail)),
@@ -247,6 +248,7 @@ class Machine:
     def _seq(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         first, then = term.parts
 
+        # The first part keeps every event that it can take: `p* p` never finishes, as in the reference.
         def otherwise() -> _Next | None:
             return (self._step, (then, succeed, fail)) if self.halts(first) else (fail, ())
 
@@ -259,6 +261,7 @@ class Machine:
     def _and(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
         left, right = term.parts
 
+        # The one place without commitment: pairs of alternatives are tried until their bindings agree.
         def both(state: Term, bound: _Solution, retry: _Failure) -> _Next | None:
             def other(state2: Term, bound2: _Solution, retry2: _Failure) -> _Next | None:
                 joined = _joined(bound, bound2)
@@ -274,6 +277,8 @@ class Machine:
         def bind(state: Term, bound: _Solution, _: _Failure) -> _Next | None:
             value = bound.get(term.name, _VALUELESS)
             rest = {name: v for name, v in bound.items() if name != term.name}
+            # The first event that gives the name a value fixes it for the whole block. Without a value it
+            # goes on waiting; in the reference, later bindings then leak out of the block, which is a bug.
             if isinstance(value, _Valueless):
                 return succeed, (self.terms.let(term.name, state, term.owner), rest, fail)
             return succeed, (self.terms.with_values(state, {term.name: Bound(value)}), rest, fail)
@@ -313,7 +318,7 @@ class Machine:
         return self._repeated(term, self.terms.make("star", term.parts, owner=term.owner), succeed, fail)
 
     def _times(self, term: Term, succeed: _Success, fail: _Failure) -> _Next | None:
-        if term.count == 0:
+        if term.count == 0:  # `a{0}` takes no event, though a trace may end there
             return fail, ()
         if term.count == 1:
             return self._opt(term, succeed, fail)
@@ -500,6 +505,7 @@ def _joined(a: _Solution, b: _Solution) -> _Solution | None:
     for name, value in a.items():
         if name in b:
             other = b[name]
+            # Without a value on one side only, the two are not consistent, as in the reference.
             if isinstance(value, _Valueless) or isinstance(other, _Valueless):
                 if value is not other:
                     return None

@@ -59,7 +59,8 @@ class RmlSpec:
         An event is rejected; the monitor then passes over it (`resume`), starts again
         (`restart`) or judges no further (`once`). Rejections with pauses shorter than
         `t_off_s` are one violation, those shorter than `t_on_s` none. Or the trial ends
-        where the specification may not.
+        where the specification may not; a log that does not show the end of the
+        competition leaves that open.
     Source:
         The specification; its semantics are those of the RML compiler and monitor of
         2024 (Ancona, Franceschini, Ferrando, Mascardi: RML, Science of Computer

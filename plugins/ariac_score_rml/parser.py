@@ -309,6 +309,7 @@ class _Parser:
 
     def event_type(self) -> EventType:
         name = self.take("lower", "an event type")
+        # `pick (place)` is one event type with an argument, `pick (place stop)` a sequence: arguments first.
         args = self.attempt(self.arguments) if self.next.kind == "(" else ()
         if args is None:
             args = ()

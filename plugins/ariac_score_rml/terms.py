@@ -191,6 +191,7 @@ class Terms:
 
     def seq(self, a: Term, b: Term) -> Term:
         """`a` and then `b`."""
+        # `all a` becomes `all`: what follows is no longer required, as in the reference.
         if a is self.all or b is self.empty:
             return a
         if a is self.empty:
@@ -204,6 +205,7 @@ class Terms:
 
     def fork(self, a: Term, b: Term) -> Term:
         """`a` and `b` interleaved."""
+        # `all | b` becomes b, so it does not mean "b among anything": that is what filters are for.
         if a is self.all:
             return b
         if b is self.all:

@@ -109,6 +109,7 @@ def _token(kind: str, word: str, place: Place, keywords: frozenset[str]) -> Toke
         return Token(kind, meaning, place)
     if kind == "symbol":
         return Token(word, word, place)
+    # `var` is the older word for `let`, and still the same token.
     if kind == "lower" and word in keywords:
         return Token("let" if word == "var" else word, word, place)
     return Token(kind, word, place)

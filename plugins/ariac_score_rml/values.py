@@ -60,6 +60,7 @@ def fits(pattern: Json, value: Json) -> bool:
         )
     if isinstance(pattern, list):
         return isinstance(value, list) and len(pattern) == len(value) and all(map(fits, pattern, value))
+    # By text, for 0.0 and -0.0 are two values: patterns never convert, only guards compare by size.
     if isinstance(pattern, float):
         return isinstance(value, float) and repr(pattern) == repr(value)
     return type(pattern) is type(value) and pattern == value

@@ -92,6 +92,7 @@ class Meeting:
             rows: Of the episode.
             before: Look at the row before the first instead: in contact, nothing approaches any more.
         """
+        # At the onset (catalogue, 1.5): later the robot may have stopped as it must.
         onset = max(int(rows[0]) - before, 0)
         robot, human = float(self.robot_towards_m_s[onset]), float(self.human_towards_m_s[onset])
         return {

@@ -401,6 +401,8 @@ class Always(Formula, LimitMonitor):
         margin, at = float(limit.bound.margin[row]), f"at {limit.watched.t[row]:.3f} s"
         kept = f"holds; closest by {margin:.3f}{self._unit}, {at}"
         broken = f"does not hold; at worst by {-margin:.3f}{self._unit}, {at}"
+        if episode is None and limit.bound.broken[row]:  # but too briefly to count
+            kept = f"never broken for {self.t_on_s:g} s; at worst by {-margin:.3f}{self._unit}, {at}"
         return Finding(
             limit.subject,
             Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
@@ -546,7 +548,7 @@ class Within(Formula):
             Verdict.VIOLATED,
             f"the response to {began:.3f} s {came} (at most {self.within_s:g} s)",
             span=Span(began, end),
-            robustness=self.within_s - (end - began),
+            robustness=min(self.within_s - (end - began), 0.0),
             unit="s",
             quantities={"response_s": end - began, "time_in_violation_s": end - deadline},
             clause=self._clause,

@@ -45,6 +45,9 @@ from ariac_score_standards.severity import (
     Statement,
     rows_of_episodes,
 )
+from ariac_score_standards.travel import (
+    travelled_m,
+)
 from ariac_score_standards.watching import (
     FloatArray,
     Subject,
@@ -52,9 +55,6 @@ from ariac_score_standards.watching import (
     bodies_of,
     state_over,
     watch_subjects,
-)
-from ariac_score_standards.ways import (
-    travelled_m,
 )
 
 EMERGENCY_STOP = "emergency_stop"
@@ -89,7 +89,7 @@ def standstill_reached_s(
 
 def _crossing(t: FloatArray, speed: FloatArray, first: int, limit: float) -> float:
     """Time at which the speed falls to the limit before its first row at or below it."""
-    # At or below it before as well: the stop was asked for at rest, or the samples begin here.
+    # At or below it before as well: the stop was requested at rest, or the samples begin here.
     if first == 0 or speed[first - 1] <= limit:
         return float(t[first])
     share = (speed[first - 1] - limit) / (speed[first - 1] - speed[first])
@@ -112,7 +112,7 @@ def stop_category(power_off_s: float | None, standstill_s: float) -> Literal[0, 
 
 @dataclass(frozen=True)
 class StopPerformance:
-    """A machine that is told to stop does, in time and on the way it has.
+    """A machine that has to stop does, in time and on the way it has.
 
     Measures:
         For every machine and every stop request (`emergency_stop`, `protective_stop`)
@@ -149,7 +149,7 @@ class StopPerformance:
         yield SignalNeed("drive_enabled", "1", self.max_flag_age_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every machine each of its stops, or that none was asked for."""
+        """For every machine each of its stops, or that none was requested."""
         return watch_subjects(
             trial,
             bodies_of(trial, self.kind),
@@ -208,7 +208,8 @@ class StopPerformance:
         way_m = travelled_m(watched.t, watched[self._speed], Span(request.t_s, reached + self.hold_s))
         category = self._category(trial, subject, watched, request, reached)
         over_time = time_s > self.max_time_s + TOLERANCE_S
-        over_way = self.max_distance_m is not None and way_m > self.max_distance_m
+        way_left_m = None if self.max_distance_m is None else self.max_distance_m - way_m
+        over_way = way_left_m is not None and way_left_m < 0
         powered = category == 2 and request.kind == EMERGENCY_STOP
         words = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
         words.append(f"on {way_m:.3f} m")
@@ -218,13 +219,17 @@ class StopPerformance:
             words.append(f"at most {self.max_distance_m:g} m")
         if powered:
             words.append("the drives kept their power (category 2)")
+        # Of the limit that is broken: a margin above 0 would contradict the verdict. A category has none.
+        margin: tuple[float | None, str] = self.max_time_s - time_s, "s"
+        if not over_time and (over_way or powered):
+            margin = (way_left_m, "m") if over_way else (None, "")
         return Finding(
             subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
             ", ".join(words),
             span=Span(request.t_s, reached),
-            robustness=self.max_time_s - time_s,
-            unit="s",
+            robustness=margin[0],
+            unit=margin[1],
             quantities={
                 "stop_time_s": time_s,
                 "stop_distance_m": way_m,
@@ -438,6 +443,11 @@ class EstopRestart(LimitMonitor):
                 clause=self._clause,
                 critical=True,
             )
+        rests = latch.rests(watched.t)
+        if rests.start >= rests.stop and end_s > watched.end_s:
+            message = f"{_words(stop)} at {stop.t_s:.3f} s: the log does not show whether it came to rest"
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            return
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not movements and not unseen:
             yield Finding(

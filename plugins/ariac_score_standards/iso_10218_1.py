@@ -101,6 +101,8 @@ class ReducedSpeed(LimitMonitor):
         if isinstance(applies, Finding):
             yield applies
             return
+        # The standard limits the tool centre point. The fastest link is never slower, so that it violates
+        # sooner: a log that has links alone is judged on the safe side.
         speed = watched[f"{self.speed}/{{robot}}"]
         limit = np.full_like(speed, self.max_speed_m_s)
         bound = Bound("speed", speed, limit, "m/s", True, applies)

@@ -158,7 +158,8 @@ class SafeguardDistance(LimitMonitor):
         Once: the distance from `line` to `hazard` against the minimum distance, in m.
         For every robot and human: the robot's speed after the human crossed the line
         towards the hazard, from `stopping_time_s` later on or as soon as the human is
-        within the intrusion distance of the hazard, until the human is back.
+        within the intrusion distance of the hazard, until the human is back. Who is found
+        behind the line when the log begins, or after a gap, counts as crossing it then.
     Violated when:
         The line is too near, or the robot then moves faster than standstill.
     Source:

@@ -257,6 +257,7 @@ class AgvProtectiveField(LimitMonitor):
     ) -> FloatArray:
         """Way from the truck's front to a person in its corridor, shape (n,), m; infinite outside of it."""
         speed = np.sqrt(velocity_m_s[:, 0] ** 2 + velocity_m_s[:, 1] ** 2)
+        # A truck at rest has no corridor: where it would go next is not in the log.
         moving = speed > 0
         u = np.zeros((len(speed), 2))
         np.divide(velocity_m_s[:, :2], speed[:, None], out=u, where=moving[:, None])
@@ -308,7 +309,11 @@ class AgvProtectiveField(LimitMonitor):
 
         way_left = JudgedLimit(subject.name, watched, self._way_left(watched, human_radius))
         rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
-        yield from limit_findings(way_left, rules, details)
+        moving = _plane_speed(watched["velocity/{agv}"]) > self.standstill_speed_m_s
+        hidden = watched.hidden_findings(subject.name, _APART, moving, self._clause)
+        of_way = limit_findings(way_left, rules, details)
+        yield from violations_only(of_way) if hidden else of_way
+        yield from hidden
         separation = watched.get(_APART)
         if separation is not None:
             touch = JudgedLimit(subject.name, watched, self._touch(watched, separation))

@@ -62,7 +62,7 @@ def pose_performance(attained_m: FloatArray, commanded_m: FloatArray) -> PosePer
         float(_norms((mean - commanded_m)[np.newaxis])[0]),
         _mean(spread),
         deviation,
-        _mean(spread) + 3.0 * deviation,
+        _mean(spread) + 3.0 * deviation,  # may exceed every single distance: one outlier widens S_l
     )
 
 
@@ -114,7 +114,7 @@ class PoseAttained:
     Violated when:
         AP or RP exceeds a limit that is set. Without limits nothing is violated.
     Source:
-        ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, and told);
+        ISO 9283: AP, RP = l_bar + 3 S_l, 30 cycles (fewer are taken here, with their number);
         for angles from memory.
     """
 

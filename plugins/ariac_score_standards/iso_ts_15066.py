@@ -150,10 +150,14 @@ class SsmSeparation(SsmFormula, LimitMonitor):
         if closest is None:
             return Finding.not_applicable(limit.subject, "the robot never moved", clause=CLAUSE)
         margin_m = float(limit.bound.margin[closest])
+        words = f"at its closest {margin_m:.3f} m more than required"
+        if limit.bound.broken[closest]:  # but too briefly to count
+            brief_s = self._value("t_on_s")
+            words = f"never too close for {brief_s:g} s; at worst {-margin_m:.3f} m nearer than required"
         return Finding(
             limit.subject,
             Verdict.SATISFIED,
-            f"at its closest {margin_m:.3f} m more than required, at {limit.watched.t[closest]:.3f} s",
+            f"{words}, at {limit.watched.t[closest]:.3f} s",
             robustness=margin_m,
             unit="m",
             # Without exposure and energy a clean pair measures nothing, as published.

@@ -62,9 +62,11 @@ _CONTACT_QUANTITIES = (
 """What is measured of every contact; all 0 where there is none."""
 _GAP_CLOSING = "crush_gap/{robot}/{human}"
 _HEIGHT = "contact_height/{robot}/{human}"
+_PRESSURE = "contact_pressure/{robot}/{human}"
+_AREA = "contact_area/{robot}/{human}"
 _HELPFUL = {
-    "contact_pressure/{robot}/{human}": "Pa",
-    "contact_area/{robot}/{human}": "m2",
+    _PRESSURE: "Pa",
+    _AREA: "m2",
     _HEIGHT: "m",
     _GAP_CLOSING: "m",
     **MEETING,
@@ -114,6 +116,7 @@ class PflContact(LimitMonitor):
 
     def transient(self, since_contact_s: FloatArray, clamped: BoolArray | bool = False) -> BoolArray:
         """Whether the transient limit holds at a time since the contact began."""
+        # Who is clamped cannot recoil, so that no contact of theirs is short.
         short = since_contact_s <= self.transient_window_s + TOLERANCE_S
         result: BoolArray = short & ~np.asarray(clamped, dtype=bool)
         return result
@@ -197,7 +200,9 @@ class PflContact(LimitMonitor):
         ratio = np.zeros(len(force))
         for contact in contacts:
             if contact.pressed is not None:
-                ratio[contact.rows] = contact.pressed.ratio
+                # Where the pressure is hidden, only a force beyond its limit is known to decide.
+                decided = ~contact.pressed.hidden | (contact.pressed.of_force > 1.0)
+                ratio[contact.rows] = np.where(decided, contact.pressed.ratio, 0.0)
         what = "part of the limit of contact"
         return Bound(what, ratio, np.ones_like(ratio), "1", True, ratio > 0)
 
@@ -242,7 +247,8 @@ class PflContact(LimitMonitor):
         of_force = force / self.limit_n(limits, transient)
         of_pressure = np.nan_to_num(pressure, nan=0.0) / self.limit_pa(limits, transient)
         measured = bool(np.isfinite(pressure).any())
-        return _Pressed(limits, force, of_force, of_pressure, transient, measured)
+        hidden = _pressure_hidden(watched, rows, pressure)
+        return _Pressed(limits, force, of_force, of_pressure, transient, measured, hidden)
 
     def _finding(
         self, subject: Subject, watched: Watched, contact: _Contact, exposure: Mapping[str, float]
@@ -253,11 +259,16 @@ class PflContact(LimitMonitor):
             return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
         limits, worst, rows = pressed.limits, pressed.worst, contact.rows
         ratio = float(pressed.ratio[worst])
+        # Only where the region is known: the face that stands in for an unknown one was not touched for sure.
         forbidden = contact.known and not limits.region.contact_permitted
         violated = ratio > 1.0 or forbidden
         where = limits.region.title.lower() if contact.known else f"a region unknown, taken for {limits.name}"
         phase = "transient" if pressed.transient[worst] else "quasi-static"
         message = f"contact with {where}: {pressed.force_n[worst]:.1f} N, {ratio:.3f} of the {phase} limit"
+        if pressed.hidden.any() and not violated:
+            hidden_s = float(watched.t[rows[np.argmax(pressed.hidden)]])
+            message += f"; the pressure is recorded, but not at {hidden_s:.3f} s"
+            return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
         labels = {"region": limits.name, "region_known": "yes" if contact.known else "no", "phase": phase}
         return Finding(
             subject.name,
@@ -317,6 +328,7 @@ class _Pressed:
         of_pressure: Pressure as a share of its limit; 0 where it is not known.
         transient: Whether the transient limits hold.
         measured: Whether a pressure is known at any sample.
+        hidden: Where a gap hides the pressure, which the log has otherwise.
     """
 
     limits: BodyLimits
@@ -325,6 +337,7 @@ class _Pressed:
     of_pressure: FloatArray
     transient: BoolArray
     measured: bool
+    hidden: BoolArray
 
     @property
     def ratio(self) -> FloatArray:
@@ -363,8 +376,7 @@ def _contact_events(trial: Trial, subject: Subject) -> Sequence[Event]:
 
 def _pressure(watched: Watched, rows: Rows) -> FloatArray:
     """Pressure as recorded, else force over area; NaN where neither is known."""
-    recorded = watched.get("contact_pressure/{robot}/{human}")
-    area = watched.get("contact_area/{robot}/{human}")
+    recorded, area = watched.get(_PRESSURE), watched.get(_AREA)
     pressure = np.full(len(rows), np.nan)
     if recorded is not None:
         pressure = recorded[rows].copy()
@@ -373,3 +385,18 @@ def _pressure(watched: Watched, rows: Rows) -> FloatArray:
         np.divide(watched[_FORCE][rows], area[rows], out=of_area, where=area[rows] > 0)
         pressure = np.where(np.isfinite(pressure), pressure, of_area)
     return pressure
+
+
+def _pressure_hidden(watched: Watched, rows: Rows, pressure: FloatArray) -> BoolArray:
+    """Where gaps hide the pressure of a contact; nowhere, if the log has neither pressure nor area at all."""
+    recorded = [template for template in (_PRESSURE, _AREA) if template in watched.optional]
+    hidden = np.isnan(pressure) & bool(recorded)
+    due = np.zeros(len(watched), dtype=bool)
+    due[rows[hidden]] = True
+    t = watched.t[rows]
+    for template in recorded:  # either is enough
+        # Of the contact alone: a sensor may well be silent until something touches it.
+        gaps = watched.hidden_by_gaps(template, due, Span(float(t[0]), float(t[-1])))
+        inside = [(t >= gap.start_s) & (t <= gap.end_s) for gap in gaps]
+        hidden &= np.any([np.zeros(len(t), dtype=bool), *inside], axis=0)
+    return hidden

@@ -199,6 +199,7 @@ class JudgedLimit:
             float(relative.max()),
             exact_sum(relative * weight_s),
         )
+        # Sums, never shares of the trial's length: else waiting would dilute a violation.
         names = _severity_names(self.bound.unit)
         return Episode(span, rows, int(rows[np.argmin(margin)]), dict(zip(names, numbers, strict=True)))
 
@@ -342,10 +343,13 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
     if closest is None:
         return Finding.not_applicable(limit.subject, rules.idle, clause=rules.clause)
     more = details(None)
+    outcome = "keeps its limit; closest"
+    if bound.broken[closest]:  # but too briefly to count
+        outcome = f"never beyond its limit for {rules.t_on_s:g} s; at worst"
     return Finding(
         limit.subject,
         Verdict.SATISFIED,
-        f"{bound.what} keeps its limit; closest {bound.actual[closest]:.3f} {bound.unit} "
+        f"{bound.what} {outcome} {bound.actual[closest]:.3f} {bound.unit} "
         f"({bound.relation(closest)}), at {limit.watched.t[closest]:.3f} s",
         robustness=float(bound.margin[closest]),
         unit=bound.unit,
@@ -357,7 +361,7 @@ def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details
 
 
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:
-    """What a second limit adds: itself and its violations; that all is well, the first limit has said."""
+    """What a second limit adds: itself and its violations; the first limit reports that all is well."""
     for one in statements:
         if isinstance(one, JudgedLimit) or one.verdict is Verdict.VIOLATED:
             yield one

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -36,6 +36,7 @@ def tracks_of(t: FloatArray, position_m: FloatArray, *, teleport_speed_m_s: floa
     >>> tracks_of(np.arange(3.0), np.array([[0.0], [1.0], [90.0]]), teleport_speed_m_s=5.0)
     [slice(0, 2, None), slice(2, 3, None)]
     """
+    # ARIAC 2023 teleports its human: a jump of 8 m in 0.01 s is a new track, and no speed of 800 m/s.
     step = np.diff(position_m, axis=0)
     jump = np.sqrt(add_up((step * step).T)) > teleport_speed_m_s * np.diff(t)
     cuts = [0, *(np.flatnonzero(jump) + 1).tolist(), len(t)]
@@ -107,6 +108,9 @@ class SignalCoverage:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
                 yield self._judge(trial, signal, exposed)
+            for name in _lacking(trial, quantity, {signal.name for signal in signals}):
+                message = f"there is no signal {name!r}, but there is one of another subject"
+                yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
             if not signals:
                 message = f"there is no signal of {quantity!r}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
@@ -115,6 +119,9 @@ class SignalCoverage:
 
     def _judge(self, trial: Trial, signal: Signal, exposed: ExposedTime | None) -> Finding:
         window = trial.window or signal.span or Span(0.0, 0.0)
+        if not window.duration_s:  # of no time at all any share is covered
+            message = f"{len(signal)} samples in a recording of 0 s cover nothing"
+            return Finding.inconclusive(signal.name, message, span=window, clause=_CLAUSE)
         gaps = signal.gaps(window, max_gap_s=self.max_gap_s)
         if exposed is None:
             whole_s, missing_s = window.duration_s, exact_sum(gap.duration_s for gap in gaps)
@@ -140,6 +147,22 @@ class SignalCoverage:
             quantities=quantities,
             clause=_CLAUSE,
         )
+
+
+def _lacking(trial: Trial, quantity: str, names: Set[str]) -> list[str]:
+    """The signals of a quantity that the log lacks, although it has that of another subject.
+
+    A place counts for bodies of every kind, anything else for those of one kind: no human has joints.
+    """
+    recorded = {name.partition("/")[2] for name in names}
+    if QUANTITIES[quantity].of == "pair":  # all of one kind: a robot and a human
+        having = {pair.name for pair in pairs_of(trial)} & recorded
+        return [f"{quantity}/{pair.name}" for pair in pairs_of(trial) if having and pair.name not in having]
+    # A link is a part of its body: `position/gantry::torso` places the gantry.
+    having = {subject.partition("::")[0] for subject in recorded}
+    kinds = {body.kind for body in trial.bodies if body.id in having}
+    due = [b for b in trial.bodies if b.kind in kinds or (having and quantity == "position")]
+    return [f"{quantity}/{body.id}" for body in due if body.id not in having]
 
 
 def _stalest_s(signal: Signal, window: Span) -> float:

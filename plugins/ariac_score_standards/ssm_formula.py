@@ -20,8 +20,8 @@ from ariac_score_standards.blame import (
 )
 from ariac_score_standards.parameters import LENGTH, SPEED, TIME
 from ariac_score_standards.severity import Episode
+from ariac_score_standards.travel import travelled_m
 from ariac_score_standards.watching import FloatArray, Values, Watched
-from ariac_score_standards.ways import travelled_m
 
 CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 

@@ -22,8 +22,8 @@ from ariac_score_standards.severity import (
     limit_findings,
 )
 from ariac_score_standards.ssm_formula import CLAUSE, SsmFormula
+from ariac_score_standards.travel import travelled_m
 from ariac_score_standards.watching import BoolArray, FloatArray, Watched, first_of_runs, watch_pairs
-from ariac_score_standards.ways import travelled_m
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class SsmResponse(SsmFormula, LimitMonitor):
 
     def _since_breach(self, watched: Watched) -> _Stopping:
         now = self.moments(watched)
+        # The scalar speed: the standard wants the robot stopped, not turned aside.
         breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
         first = first_of_runs(watched.t, breach, self.max_gap_s)
         # To the nanosecond: the last bits of the difference depend on when the clock began.

@@ -33,6 +33,7 @@ from ariac_score_standards.severity import (
     no_severities,
     violations_only,
 )
+from ariac_score_standards.travel import travelled_m
 from ariac_score_standards.watching import (
     BoolArray,
     FloatArray,
@@ -42,7 +43,6 @@ from ariac_score_standards.watching import (
     pairs_of,
     watch_subjects,
 )
-from ariac_score_standards.ways import travelled_m
 
 _JOINTS, _PLACE = "joint_speed/{robot}", "position/{robot}"
 
@@ -137,7 +137,10 @@ class MonitoredStandstill(LimitMonitor):
             }
             return Details(quantities, {**labels(episode), "resumed": standing.resumed(episode)})
 
-        yield from limit_findings(JudgedLimit(subject.name, watched, standing.speed()), rules, moved)
+        hidden = standing.hidden(subject.name, self._clause)
+        speed = limit_findings(JudgedLimit(subject.name, watched, standing.speed()), rules, moved)
+        yield from violations_only(speed) if hidden else speed
+        yield from hidden
         for bound in standing.others():
             limit = JudgedLimit(subject.name, watched, bound)
             more = limit_findings(limit, rules, lambda episode: Details(exposure, labels(episode)))
@@ -179,6 +182,15 @@ class _Standing:
         if place is not None:
             yield self._drift(place)
 
+    def hidden(self, subject: str, clause: str) -> list[Finding]:
+        """What gaps of its joints, or of its place, leave open."""
+        resting = self.held & ~self._moving
+        return [
+            finding
+            for template in (_JOINTS, _PLACE)
+            for finding in self.watched.hidden_findings(subject, template, resting, clause)
+        ]
+
     def _joints(self, joints: FloatArray) -> Bound:
         """The speed of the joints, where the robot itself keeps its limit."""
         # Where the tool moves, `speed` has the violation already: one movement is charged once.
@@ -192,7 +204,11 @@ class _Standing:
         anchored = ~resting
         anchored[1:] |= ~resting[:-1]  # it comes to rest here
         anchored[:1] = True
-        anchor = np.maximum.accumulate(np.where(anchored, np.arange(len(resting)), 0))
+        row, last = np.arange(len(resting)), len(resting) - 1
+        # Not the place at rest itself, which a gap may hide: the first one that is known from then on.
+        known = np.where(np.isfinite(place).all(axis=1), row, last)
+        known = np.minimum.accumulate(known[::-1])[::-1]
+        anchor = known[np.maximum.accumulate(np.where(anchored, row, 0))]
         away = place - place[anchor]
         drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
         limit = np.full_like(drift, self.monitor.drift_m)

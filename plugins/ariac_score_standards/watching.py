@@ -82,6 +82,36 @@ class Watched:
             self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
         return self._computed[template]
 
+    def hidden_by_gaps(self, template: str, due: BoolArray, within: Span | None = None) -> list[Span]:
+        """The gaps of an optional signal in which a value is due; none where the log has no such signal.
+
+        Args:
+            template: Of the signal.
+            due: Where a limit applies to it, shape (n,).
+            within: The time it has to cover; `None`: all.
+        """
+        signal, values = self.optional.get(template), self.get(template)
+        if signal is None or values is None or not len(self):
+            return []
+        unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
+        # As for a signal that is needed, both ends count as samples: one that begins a moment later than the
+        # others, or ends earlier, has no gap.
+        gaps = signal.gaps(within or Span(float(self.t[0]), self.end_s), max_gap_s=self.max_gap_s)
+        return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
+
+    def hidden_findings(self, subject: str, template: str, due: BoolArray, clause: str) -> list[Finding]:
+        """What the gaps of an optional signal leave open, as findings."""
+        return [
+            Finding.inconclusive(
+                subject,
+                f"no samples of {self.optional[template].name!r} for {gap.duration_s:.3f} s, "
+                f"from {gap.start_s:.3f} s",
+                span=gap,
+                clause=clause,
+            )
+            for gap in self.hidden_by_gaps(template, due)
+        ]
+
     def __len__(self) -> int:
         return len(self.t)
 

@@ -216,7 +216,7 @@ class Dense:
         edges = [self.span.start_s, self.span.start_s - away_s, self.span.end_s - away_s + 2 * TOLERANCE_S]
         begin = self._inside(np.concatenate((steps.begin - away_s, edges)))
         there = begin + away_s
-        margin = steps.on(there + TOLERANCE_S)
+        margin = steps.on(there + TOLERANCE_S)  # the step that begins there, in spite of rounding
         out = (there < self.span.start_s - TOLERANCE_S) | (there > self.span.end_s + TOLERANCE_S)
         lower = np.where(out, outer[0], margin.lower)
         return Steps(begin, Margin(lower, np.where(out, outer[1], margin.upper)))

@@ -108,6 +108,7 @@ def margins(formula: Node, columns: Mapping[str, FloatArray | float], n: int) ->
             difference = node.margin.columns(used)
             if difference.shape != (n,):  # of constants alone
                 difference = np.broadcast_to(difference, n)
+            # An equality holds nowhere but at 0, so its margin is never positive; that of != never negative.
             if node.comparison in ("==", "!="):
                 difference = np.abs(difference) if node.comparison == "!=" else -np.abs(difference)
             found[node] = difference

@@ -48,7 +48,8 @@ class Outcome:
         unit, judged = self.specification.shared_unit, self.judged
         if unit is None or not len(judged.begin):
             return None
-        margin = np.where(judged.upper < 0, judged.upper, judged.lower)
+        # By the verdict: of a margin of 0 the sign alone does not say whether it is broken.
+        margin = np.where(judged.violated, judged.upper, judged.lower)
         known = np.isfinite(margin) & ~judged.undecided
         return Chart(
             self.subject,

@@ -127,6 +127,7 @@ class Rows:
             rows.step_s = _step(t)
             rows._add(t, t, np.zeros(0, dtype=bool))
             return rows
+        # A hole is a row of its own, between the two samples around it.
         starts = np.array([hole.start_s for hole in holes]) + CLOSEST_S
         ends = np.array([hole.end_s for hole in holes]) - CLOSEST_S
         at = np.searchsorted(t, starts, side="left")

@@ -106,8 +106,8 @@ def emulating(bucket: Bucket) -> Iterator[Bucket]:
             error = {"code": status, "message": message, "errors": [{"message": message, "reason": reason}]}
             self._json(status, {"error": error})
 
-        def _json(self, status: int, told: object) -> None:
-            self._send(status, json.dumps(told).encode(), {"Content-Type": "application/json"})
+        def _json(self, status: int, answer: object) -> None:
+            self._send(status, json.dumps(answer).encode(), {"Content-Type": "application/json"})
 
         def _send(self, status: int, content: bytes, headers: dict[str, str]) -> None:
             self.send_response(status)
@@ -152,12 +152,12 @@ def _listed(bucket: Bucket, asked: dict[str, str]) -> dict[str, object]:
     most = min(int(asked.get("maxResults", bucket.page)), bucket.page)
     names = [name for name in found if name > asked.get("pageToken", "")]
     page = names[:most]
-    told: dict[str, object] = {"kind": "storage#objects"}
-    told["items"] = [_about(bucket, name) for name in page if found[name]]
-    told["prefixes"] = [name for name in page if not found[name]]
+    answer: dict[str, object] = {"kind": "storage#objects"}
+    answer["items"] = [_about(bucket, name) for name in page if found[name]]
+    answer["prefixes"] = [name for name in page if not found[name]]
     if len(names) > most:
-        told["nextPageToken"] = page[-1]
-    return {key: value for key, value in told.items() if value}
+        answer["nextPageToken"] = page[-1]
+    return {key: value for key, value in answer.items() if value}
 
 
 def _about(bucket: Bucket, name: str) -> dict[str, str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ariac_score.batch import worker
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.local import lost
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
@@ -124,10 +124,10 @@ def has_a_devouring_plugin(task: RunTask, setting: BatchSetting, out: Path | Non
 def tells_its_alarm(task: RunTask, setting: BatchSetting, out: Path | None, report: Path) -> None:
     """Says in how many seconds it will be ended whoever is left to do so."""
 
-    def told(*_: object, **__: object) -> None:
+    def raises(*_: object, **__: object) -> None:
         raise RuntimeError(f"{signal.getitimer(signal.ITIMER_REAL)[0]:.0f}")
 
-    worker.score_trial = told  # type: ignore[assignment]
+    worker.score_trial = raises  # type: ignore[assignment]
     worker.perform_into(task, setting, out, report)
 
 
@@ -135,7 +135,7 @@ def takes_its_worker_along(task: RunTask, setting: BatchSetting, earlier: bytes)
     """One run kills the worker of the cluster that scores it."""
     if "bad" in task.trial:
         os.kill(os.getpid(), signal.SIGKILL)
-    return measure_apart(task, setting, earlier)
+    return measure_isolated(task, setting, earlier)
 
 
 def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
@@ -144,7 +144,7 @@ def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes
     if "bad" in task.trial and not mark.exists():
         mark.touch()
         return replace(lost(task, "killed", "from outside"), put_off=True)
-    return measure_apart(task, setting, earlier)
+    return measure_isolated(task, setting, earlier)
 
 
 def cannot_work(_task: RunTask, _setting: BatchSetting, _earlier: bytes) -> Done:

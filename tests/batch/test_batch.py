@@ -27,7 +27,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.description import Shard
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import earlier_document, measure_apart
+from ariac_score.batch.isolated import earlier_document, measure_isolated
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.outcomes import OUTCOMES, Summary, summary_of
@@ -199,13 +199,13 @@ def test_a_competition_keeps_team_trial_and_run(tmp_path: Path) -> None:
 def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "out")
     connection = sqlite3.connect(tmp_path / "out" / "index.sqlite")
-    told = dict(connection.execute("SELECT trial, score FROM runs ORDER BY trial"))
+    scores = dict(connection.execute("SELECT trial, score FROM runs ORDER BY trial"))
     checks = connection.execute("SELECT sum(violated) FROM checks WHERE trial = 'a.jsonl'").fetchone()[0]
     connection.close()
 
     lines = {name[1:-2]: row.summary.score for name, row in rows(tmp_path / "out").items()}
-    assert told == lines
-    assert told["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
+    assert scores == lines
+    assert scores["a.jsonl"] == float(score_trial(trials / "a.jsonl", RULES).score or 0)
     measured = score_trial(trials / "a.jsonl", RULES).measured.findings.values()
     assert checks == sum(1 for finding in measured if finding.verdict.value == "violated")
 
@@ -227,12 +227,12 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     (run / "below").mkdir(parents=True)
     (run / "below" / "log.txt").write_text("one")
     task = RunTask("", "run", 1, str(run))
-    told = [address.signature_of(task)]
+    signatures = [address.signature_of(task)]
 
     def tell() -> None:
-        told.append(address.signature_of(task))
+        signatures.append(address.signature_of(task))
 
-    assert address.signature_of(task) == told[0]
+    assert address.signature_of(task) == signatures[0]
     (run / "below" / "log.txt").write_text("other")
     tell()
     (run / "empty.txt").touch()
@@ -246,7 +246,7 @@ def test_whatever_changes_among_the_files_of_a_run_changes_its_signature(tmp_pat
     tell()
     shutil.rmtree(run)
     tell()
-    assert len(set(told)) == len(told) == 7
+    assert len(set(signatures)) == len(signatures) == 7
 
 
 def test_the_signature_of_a_relative_path_is_that_of_the_current_folder(
@@ -439,7 +439,7 @@ def test_tables_that_contradict_the_documents_are_made_again_and_it_is_said(
 
     assert main(["batch", str(trials), "--rules", RULES, "-j", "1", "-o", str(tmp_path / "out")]) == 6
 
-    assert "1 row of the tables contradicted the stored documents" in capsys.readouterr().out
+    assert "1 row of the tables contradicted the stored results" in capsys.readouterr().out
     assert same(tmp_path / "before", tmp_path / "out")
     assert batch(trials, tmp_path / "out").contradictions == 0
 
@@ -942,8 +942,8 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
     task = replace(task, earlier_sha256=sha256(document).hexdigest())
     setting = replace(BatchSetting.of(second, LIMITS), earlier_basis=address.basis_of(prepare(first)))
 
-    with_it, without = (measure_apart(task, setting, earlier).document for earlier in (document, b""))
-    other = measure_apart(replace(task, earlier_sha256="0" * 64), setting, document).document
+    with_it, without = (measure_isolated(task, setting, earlier).document for earlier in (document, b""))
+    other = measure_isolated(replace(task, earlier_sha256="0" * 64), setting, document).document
 
     assert with_it is not None
     assert ours in with_it
@@ -956,7 +956,7 @@ def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: 
     task = RunTask("", "a.jsonl", 1, str(trials / "a.jsonl"), earlier=row.object, earlier_sha256=row.sha256)
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(task, setting, earlier_document(task, tmp_path / "out"))
+    done = measure_isolated(task, setting, earlier_document(task, tmp_path / "out"))
 
     assert done.document is None
     assert Path(row.object).parent.name == done.address
@@ -1013,7 +1013,7 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
     pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(RunTask("", name, 1, f"file://{trials / name}"), setting)
+    done = measure_isolated(RunTask("", name, 1, f"file://{trials / name}"), setting)
 
     assert done.document is not None
     found = summary_of(done.document)

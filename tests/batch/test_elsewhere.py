@@ -19,7 +19,7 @@ from ariac_score import load_rule_set, score_trial
 from ariac_score.batch import fetched as near
 from ariac_score.batch import remote
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.remote import Storage, Stored, shown, signature_of_stored
@@ -131,8 +131,8 @@ def one(uri: str, *, ranges: bool = False) -> Done:
 
 def document(done: Done) -> dict[str, Any]:
     assert done.document is not None
-    told: dict[str, Any] = json.loads(done.document)
-    return told
+    found: dict[str, Any] = json.loads(done.document)
+    return found
 
 
 # The same as here ------------------------------------------------------------------------
@@ -344,10 +344,10 @@ def test_of_a_recording_with_a_camera_only_what_is_wanted_is_fetched(
 
     assert web.sent_bytes < (0.2 if name == "run.mcap" else 0.35) * log.stat().st_size  # 41 and 9 chunks
     assert len([1 for how, _ in web.requests if how == "GET"]) < 60  # one for each of 41 chunks, many at once
-    (told,), (whole,) = there["provenance"]["inputs"], here["provenance"]["inputs"]
-    assert told["bytes"] == whole["bytes"] == log.stat().st_size
-    assert told["sha256"] != whole["sha256"]
-    assert 0 < told["read_bytes"] <= web.sent_bytes
+    (part,), (whole,) = there["provenance"]["inputs"], here["provenance"]["inputs"]
+    assert part["bytes"] == whole["bytes"] == log.stat().st_size
+    assert part["sha256"] != whole["sha256"]
+    assert 0 < part["read_bytes"] <= web.sent_bytes
     for result in (there, here):
         del result["provenance"]["inputs"]
     assert there == here
@@ -450,11 +450,11 @@ def test_a_bag_whose_index_is_wrong_ends_as_it_does_here(bag: bytes, web: Web, d
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
     expected = document(perform(RunTask("", "run.bag", 1, str(web.root / "run.bag")), setting))
-    told = document(one(f"{web.url}/run.bag", ranges=True))
+    in_parts = document(one(f"{web.url}/run.bag", ranges=True))
 
-    for result in (told, expected):
+    for result in (in_parts, expected):
         result.get("provenance", {}).pop("inputs", None)
-    assert told == expected
+    assert in_parts == expected
 
 
 @pytest.fixture(scope="module")
@@ -484,10 +484,10 @@ def test_what_has_no_good_index_ends_as_it_does_here(web: Web, damage: str) -> N
 
     there = one(f"{web.url}/run.mcap", ranges=True)
 
-    told, expected = document(there), document(here)
-    assert told.get("outcome") == expected.get("outcome")
-    assert told.get("reason") == expected.get("reason")
-    assert told.get("score") == expected.get("score")
+    fetched, expected = document(there), document(here)
+    assert fetched.get("outcome") == expected.get("outcome")
+    assert fetched.get("reason") == expected.get("reason")
+    assert fetched.get("score") == expected.get("score")
 
 
 @pytest.mark.parametrize("cuts", [[], [(10, 20)], [(0, 1), (1, 2), (99_999, 100_000)]])
@@ -559,10 +559,10 @@ def test_a_run_that_does_not_come_is_unreachable_and_asked_for_again(
 
     done = one(f"{web.url}/run.mcap?token=secret", ranges=ranges)
 
-    told = document(done)
-    assert told["outcome"] == "unreachable"
-    assert cause in told["reason"]
-    assert "secret" not in told["reason"]
+    outcome = document(done)
+    assert outcome["outcome"] == "unreachable"
+    assert cause in outcome["reason"]
+    assert "secret" not in outcome["reason"]
     assert (done.address, done.contents, done.signature) == ("", "", "")
     setattr(web, option, {} if option == "status" else "")
     assert document(one(f"{web.url}/run.mcap", ranges=ranges))["status"] == "scored"
@@ -692,7 +692,7 @@ def test_a_keeper_on_a_worker_fetches_as_everybody_does(web: Web) -> None:
     shutil.copyfile(EXAMPLE, web.root / "run.mcap")
     setting = BatchSetting.of(load_rule_set(RULES), LIMITS)
 
-    done = measure_apart(RunTask("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
+    done = measure_isolated(RunTask("", "run.mcap", 1, f"{web.url}/run.mcap"), setting)
 
     assert done.document == as_json(score_trial(web.root / "run.mcap", RULES)).encode()
 
@@ -725,9 +725,9 @@ def test_a_folder_that_cannot_be_listed_has_an_exit_code(
     del trials
     web.status["trials/"] = status
     assert command(f"{web.url.replace('//', '//me:secret@')}/trials/", "-o", str(tmp_path / "out")) == code
-    told = capsys.readouterr().err
-    assert said in told
-    assert "secret" not in told
+    err = capsys.readouterr().err
+    assert said in err
+    assert "secret" not in err
     assert not (tmp_path / "out").exists()
 
 

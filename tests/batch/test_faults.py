@@ -124,8 +124,8 @@ def test_a_process_that_outlives_its_server_gives_nobody_else_its_result(
 
     assert sorted(found) == names
     for name, done in found.items():
-        told = json.loads(done.document or b"")
-        assert told.get("trial", name) == name
+        document = json.loads(done.document or b"")
+        assert document.get("trial", name) == name
     kinds = [summary_of(found[name].document or b"").outcome for name in names]
     assert kinds == ["scored", "scored", "nothing_to_score"]
 
@@ -325,15 +325,15 @@ def test_a_file_that_may_not_be_read_costs_its_run_alone_and_is_not_passed_over(
     monkeypatch.setattr("builtins.open", refusing("io.open"))
     # Python 3.10 bound `io.open` where it defined `Path.open`; later versions look it up again.
     monkeypatch.setattr(Path, "open", refusing("io.open"))
-    told = {}
+    summaries = {}
     for name in ("a.jsonl", "secret.jsonl", "run"):
         done = hands.worker.perform(RunTask("", name, 1, str(trials / name)), setting)
-        told[name] = summary_of(done.document or b"")
+        summaries[name] = summary_of(done.document or b"")
 
-    assert told["a.jsonl"].outcome == "scored"
+    assert summaries["a.jsonl"].outcome == "scored"
     for name, file in (("secret.jsonl", "secret.jsonl"), ("run", "run/secret.yaml")):
-        assert told[name].outcome == "unreadable"
-        assert told[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
+        assert summaries[name].outcome == "unreadable"
+        assert summaries[name].reason.startswith(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
 
 
 # Rules and folders of others -----------------------------------------------------------
@@ -623,7 +623,7 @@ def test_a_run_that_takes_worker_after_worker_along_is_given_up_and_its_neighbou
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.takes_its_worker_along)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.takes_its_worker_along)
     names = [f"{number}{'_bad' if number == 2 else ''}.jsonl" for number in range(5)]
     for name in names:
         shutil.copyfile(trials / "a.jsonl", trials / name)
@@ -645,7 +645,7 @@ def test_a_run_that_is_killed_again_and_again_on_a_cluster_is_tried_at_last(
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.is_killed_beside_others)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.is_killed_beside_others)
     shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
 
     with cluster(1) as made:
@@ -662,7 +662,7 @@ def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(
 ) -> None:
     pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.setattr("ariac_score.batch.dask.measure_apart", hands.cannot_work)
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.cannot_work)
     monkeypatch.setattr("ariac_score.batch.dask.KILLED_FROM_OUTSIDE_ATTEMPTS", 1)
 
     with cluster(1) as made, pytest.raises(BatchError, match="No space left") as caught:

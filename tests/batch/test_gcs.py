@@ -88,8 +88,8 @@ def one(uri: str, *, ranges: bool = False) -> Done:
 
 def document(done: Done) -> dict[str, Any]:
     assert done.document is not None
-    told: dict[str, Any] = json.loads(done.document)
-    return told
+    found: dict[str, Any] = json.loads(done.document)
+    return found
 
 
 def same(first: Path, second: Path) -> bool:
@@ -140,10 +140,10 @@ def test_with_ranges_only_what_is_wanted_is_asked_for(
     there = document(one("gs://ariac/run.bag", ranges=True))
 
     here = json.loads(as_json(score_trial(log, RULES)))
-    (told,) = there["provenance"].pop("inputs")
+    (source,) = there["provenance"].pop("inputs")
     here["provenance"].pop("inputs")
     assert there == here
-    assert told["read_bytes"] <= bucket.sent_bytes < 0.5 * log.stat().st_size
+    assert source["read_bytes"] <= bucket.sent_bytes < 0.5 * log.stat().st_size
 
 
 def test_an_object_that_changes_while_it_is_fetched_is_looked_at_again(bucket: Bucket) -> None:
@@ -176,9 +176,9 @@ def test_without_credentials_or_with_others_it_is_said_what_to_give(
     bucket.token, bucket.forbidden = token, forbidden
 
     assert main(["batch", "gs://ariac/year/season", "--rules", RULES, "-o", str(tmp_path / "out")]) == 4
-    told = capsys.readouterr().err
-    assert said in told
-    assert "GOOGLE_APPLICATION_CREDENTIALS" in told
+    err = capsys.readouterr().err
+    assert said in err
+    assert "GOOGLE_APPLICATION_CREDENTIALS" in err
     assert not (tmp_path / "out").exists()
 
     reason = document(one("gs://ariac/year/season/a.mcap"))["reason"]

@@ -16,7 +16,7 @@ import pytest
 from ariac_score import load_rule_set
 from ariac_score.batch import patience
 from ariac_score.batch.index import Row
-from ariac_score.batch.isolated import measure_apart
+from ariac_score.batch.isolated import measure_isolated
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Executor, Report, run_batch
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, plan_batch
@@ -111,7 +111,7 @@ def dying(marks: Path, which: str, times: int) -> Callable[[RunTask, BatchSettin
         if which in task.trial and tried < times:
             (marks / f"{task.trial}-{tried}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        return measure_apart(task, setting, earlier)
+        return measure_isolated(task, setting, earlier)
 
     return measure
 
@@ -153,7 +153,7 @@ def test_a_cluster_without_a_machine_that_works_ends_the_batch_by_name(
     trials: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # No machine has this much room, so that the run waits as it does when all of them are gone.
-    monkeypatch.setattr(executors.ray, "remote", lambda **told: ray_remote(**{**told, "num_cpus": 64}))
+    monkeypatch.setattr(executors.ray, "remote", lambda **options: ray_remote(**{**options, "num_cpus": 64}))
     monkeypatch.setattr(executors, "_workers", lambda: 0)
     monkeypatch.setattr(executors, "LOOK_S", 0.2)
     monkeypatch.setattr(patience, "LOOK_S", 0.2)
@@ -221,8 +221,8 @@ def test_the_cluster_of_before_the_last_start_of_the_machine_is_named_at_once(
     command = ["batch", str(trials), "--rules", RULES, "-o", str(tmp_path / "out")]
 
     assert main([*command, "--executor", "ray", "--scheduler", "auto"]) == 4
-    told = capsys.readouterr().err
-    assert "the cluster at auto cannot be reached" in told
-    assert "ray start --head" in told
+    err = capsys.readouterr().err
+    assert "the cluster at auto cannot be reached" in err
+    assert "ray start --head" in err
     assert main([*command, "--executor", "ray", "--scheduler", "auto", "-j", "2"]) == 4
     assert "for the cluster to say" in capsys.readouterr().err

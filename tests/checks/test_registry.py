@@ -517,3 +517,53 @@ def test_a_monitor_that_asks_for_an_unknown_quantity_is_named_before_a_log_is_re
         prepared.refuse_unknown_quantities()
 
     assert refused.value.hint.startswith("did you mean 'force'?")
+
+
+# Distributions of others ---------------------------------------------------------------
+
+
+@pytest.fixture(
+    params=[b"[any.group]\na line without a value\n", b"[any.group]\nname = m:\xff\n"], ids=["=", "ff"]
+)
+def malformed(request: pytest.FixtureRequest, install: Install, tmp_path: Path) -> None:
+    """A distribution, of anything, whose entry points cannot be read."""
+    install("foul-points", {})
+    (file,) = tmp_path.rglob("foul_points-1.0.dist-info/entry_points.txt")
+    file.write_bytes(request.param)
+
+
+@pytest.mark.usefixtures("malformed")
+def test_entry_points_that_cannot_be_read_hide_no_other_plugin(install: Install) -> None:
+    install("fair-play", {"fair.play": "Fine"}, source=FINE)
+    registry = Registry()
+
+    assert registry.find(RULES, "fair.play").distribution == "fair-play"
+    assert set(registry.names(RULES)) >= set(SHIPPED[RULES])
+
+
+@pytest.mark.usefixtures("malformed")
+def test_a_distribution_that_cannot_be_read_is_named_wherever_a_plugin_is_missed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = "foul-points 1.0: its entry points cannot be read"
+
+    with pytest.raises(PluginNotFoundError) as missed:
+        Registry().find(RULES, "foul.play")
+
+    assert words in missed.value.hint
+    assert main(["plugins", "doctor"]) == 1
+    assert words in capsys.readouterr().out
+    assert main(["plugins", "list"]) == 3
+    assert words in capsys.readouterr().err
+    assert main(["plugins", "show", "foul.play"]) == 4
+    assert words in capsys.readouterr().err
+
+
+def test_metadata_that_are_not_utf_8_leave_a_distribution_without_a_name(
+    install: Install, tmp_path: Path
+) -> None:
+    install("fair-play", {"fair.play": "Fine"}, source=FINE)
+    (file,) = tmp_path.rglob("fair_play-1.0.dist-info/METADATA")
+    file.write_bytes(b"Name: \xff\n")
+
+    assert Registry().find(RULES, "fair.play").distribution == "?"

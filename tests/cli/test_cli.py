@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -266,6 +267,54 @@ def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
     assert "separation           undecided: the log shows no human" in capsys.readouterr().out
 
 
+MONITORS_ONLY = """\
+id: apart
+title: Keep apart
+source: a competition without orders
+log_map: {log_map}
+monitors: {{near: {{use: iso_ts_15066.ssm_separation, with: {{profile: seed}}}}}}
+score: 100 - 5 * count(near)
+"""
+
+
+def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_trial_log(tmp_path / "x.jsonl", replace(kitting_trial(), orders=(), submissions=()))
+    (tmp_path / "apart.yaml").write_text(MONITORS_ONLY.format(log_map="ariac2020"), encoding="utf-8")
+
+    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", str(tmp_path / "apart.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "human human" in out
+    assert "centre_distance/robot/human" in out
+    assert "no order was found" not in out
+    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
+    assert "no order was found" in capsys.readouterr().out
+
+
+def test_a_rule_set_whose_log_map_names_a_decoder_that_is_not_installed_is_not_sound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    channel = "channels: [{topic: /state, type: std_msgs/msg/String, decoder: nobody.has_it}]\n"
+    (tmp_path / "map.yaml").write_text(f"id: m\ntitle: M\nsource: a test\n{channel}", encoding="utf-8")
+    (tmp_path / "apart.yaml").write_text(MONITORS_ONLY.format(log_map="./map.yaml"), encoding="utf-8")
+
+    assert main(["rules", "validate", str(tmp_path / "apart.yaml")]) == 4
+    assert "no installed distribution provides 'nobody.has_it'" in capsys.readouterr().err
+
+
+def test_rules_that_only_take_points_away_are_told_why_laws_about_work_say_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "apart.yaml").write_text(MONITORS_ONLY.format(log_map="ariac2020"), encoding="utf-8")
+
+    main(["rules", "check", str(tmp_path / "apart.yaml"), "--cases", "20"])
+
+    out = capsys.readouterr().out
+    assert "doing nothing is not optimal: nothing in it earns points" in out
+    assert "read from a record" not in out
+
+
 def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -273,5 +322,5 @@ def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld
 
     assert main(["score", str(log), "--rules", "ariac2020.as_coded"]) == 6
 
-    (line,) = [told for told in capsys.readouterr().out.splitlines() if told.startswith("official total")]
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("official total")]
     assert line.endswith("ours is withheld, so nothing says whether it is the same")

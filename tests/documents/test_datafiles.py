@@ -1,4 +1,4 @@
-"""Data files from strangers: what a YAML file may hold, and how its mistakes are told."""
+"""Data files from strangers: what a YAML file may hold, and how its mistakes are reported."""
 
 from __future__ import annotations
 

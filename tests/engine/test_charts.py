@@ -52,10 +52,10 @@ def _break_in(trial: Trial) -> Iterator[Chart]:
 @pytest.mark.parametrize(
     ("show", "words"),
     [
-        (_raise, "raised RuntimeError when asked what it saw: out of ink"),
-        (lambda _trial: None, "raised TypeError when asked what it saw"),
+        (_raise, "raised RuntimeError when it gave its charts: out of ink"),
+        (lambda _trial: None, "raised TypeError when it gave its charts"),
         (lambda _trial: ["a line"], "shows a str instead of a Chart"),
-        (_break_in, "changed the trial it was asked about"),
+        (_break_in, "changed the trial it was given"),
     ],
 )
 @pytest.mark.parametrize("asked", [charts_of, margins_of])

@@ -463,6 +463,10 @@ BROKEN = {
         "yield Finding('t', Verdict.VIOLATED, 'x', robustness=float('-inf'), unit='m')",
         "yields a number that is none: -inf",
     ),
+    "contradicts its margin": (
+        "yield Finding('t', Verdict.VIOLATED, 'x', robustness=0.5, unit='m')",
+        "finds 't' violated by a margin of +0.5, but a violation has none above 0",
+    ),
     "gives a quantity in two units": (
         "yield Finding('a', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
         "yield Finding('b', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
@@ -484,7 +488,7 @@ BROKEN = {
     ),
     "goes behind the lock": (
         "object.__setattr__(trial, 'events', ())\nyield Finding.satisfied('t', 'x')",
-        "changed the trial it was asked about",
+        "changed the trial it was given",
     ),
     "stretches time": ("trial.signals['speed/human'].t[0] = -1.0\nyield", "raised ValueError"),
 }
@@ -575,6 +579,16 @@ def test_a_monitor_that_says_nothing_stops_the_score(play: Played) -> None:
 def test_a_rule_that_says_nothing_about_an_order_stops_the_score(play: Played) -> None:
     with pytest.raises(PluginError, match=r"odd\.check \(odd-rules 6\.6\) says nothing about order_1"):
         play("if order.id == 'order_0':\n    yield Finding.satisfied('order_0', 'x')", group="rules")
+
+
+@pytest.mark.parametrize(("verdict", "margin"), [("VIOLATED", 0.0), ("VIOLATED", -1.0), ("SATISFIED", -1.0)])
+def test_a_violation_may_have_no_margin_left_and_a_brief_one_may_be_satisfied(
+    play: Played, verdict: str, margin: float
+) -> None:
+    result = play(f"yield Finding('t', Verdict.{verdict}, 'x', robustness={margin}, unit='m')")
+
+    (finding,) = result.measured.findings.values()
+    assert (finding.verdict.name, finding.robustness) == (verdict, margin)
 
 
 def test_a_missing_signal_is_undecided_and_no_fault_of_the_plugin(play: Played) -> None:

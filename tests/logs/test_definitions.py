@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for, decoder_for
 from ariac_score.logs.containers.items import Connection
 
@@ -51,6 +52,15 @@ def test_a_definition_that_cannot_be_used_is_refused_with_the_cause(text: str, c
             wanted(connection(text))
 
 
+@pytest.mark.parametrize("line", ["int8[-1] x", "int8[<=-1] x", "Other[-3] x"])
+def test_an_array_of_fewer_than_no_elements_has_no_layout(line: str) -> None:
+    """rosbags takes it, so it decides on every message."""
+    text = f"int8 a\n{line}\n{LINE}\nMSG: test_msgs/Other\nfloat64 y\n"
+
+    with pytest.raises(PlanError, match=r"an array of -[13] elements"):
+        column_decoder_for(connection(text))
+
+
 @pytest.mark.parametrize(
     "line",
     [
@@ -64,3 +74,22 @@ def test_a_line_that_no_recorder_writes_is_refused_at_once(line: str) -> None:
     """A pattern that tries all ways to split it would not return: the first needs 2 to the 50000."""
     with pytest.raises(UnknownTypeError, match="cannot be used"):
         column_decoder_for(connection(f"int8 a\n{line}\n"))
+
+
+@pytest.mark.parametrize("lines", [10_000, 10_001])
+def test_a_definition_has_ten_thousand_lines_at_most(lines: int) -> None:
+    """In comments, which count as well, so that the limit itself is quick to try."""
+    text = "float64 x\n" + "# nothing\n" * (lines - 1)
+
+    if lines == 10_000:
+        assert column_decoder_for(connection(text)).paths == ("x",)
+    else:
+        with pytest.raises(UnknownTypeError, match="has 10001 lines, 10000 are allowed"):
+            column_decoder_for(connection(text))
+
+
+def test_a_definition_of_a_hundred_thousand_fields_is_refused_at_once() -> None:
+    text = "".join(f"float64 x{number}\n" for number in range(100_000))
+
+    with pytest.raises(UnknownTypeError, match="has 100000 lines"):
+        column_decoder_for(connection(text))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -203,6 +204,74 @@ def test_a_topic_of_another_type_is_named_with_both_types(tmp_path: Path) -> Non
     assert trial.unrecorded == (
         "topic /snapshot (nist_gear/msg/Snapshot): it is recorded as std_msgs/msg/String",
     )
+
+
+def speed_of(human: str, *, optional: bool = False, topic: str = "") -> Channel:
+    field = FieldMap(f"speed/{human}", "m/s", ("human_operator_speed",))
+    return Channel(topic or f"/{human}", SNAPSHOT, signals=(field,), optional=optional)
+
+
+def speed_message(topic: str, after_ns: int = 0) -> Recorded:
+    return Recorded(topic, SNAPSHOT, ORIGIN_NS + after_ns, {"human_operator_speed": 0.5})
+
+
+def wanted_of_humans(*channels: Channel) -> Wanted:
+    bodies = (Body("human_1", "human"), Body("human_2", "human"), Body("gantry", "robot"))
+    return Wanted(LogMap("test", channels, bodies=bodies), frozenset({"speed"}))
+
+
+def test_a_body_that_was_not_recorded_beside_another_of_its_kind_is_in_the_trial(tmp_path: Path) -> None:
+    want = wanted_of_humans(speed_of("human_1"), speed_of("human_2"), speed_of("gantry"))
+
+    trial = read_mcap(tmp_path, [speed_message("/human_1")], want)
+
+    # No robot was recorded at all, which monitors report in their own words.
+    assert [body.id for body in trial.bodies] == ["human_1", "human_2"]
+    assert list(trial.signals) == ["speed/human_1"]
+
+
+def test_a_body_whose_topic_has_another_type_is_in_the_trial_beside_another(tmp_path: Path) -> None:
+    want = wanted_of_humans(speed_of("human_1"), speed_of("human_2"))
+
+    trial = read_mcap(tmp_path, [speed_message("/human_1"), words("/human_2", "x")], want)
+
+    assert [body.id for body in trial.bodies] == ["human_1", "human_2"]
+
+
+def test_a_body_that_only_optional_topics_are_about_need_not_be_there(tmp_path: Path) -> None:
+    want = wanted_of_humans(speed_of("human_1"), speed_of("human_2", optional=True))
+
+    trial = read_mcap(tmp_path, [speed_message("/human_1")], want)
+
+    assert [body.id for body in trial.bodies] == ["human_1"]
+
+
+def test_a_body_of_the_other_type_that_one_topic_may_have_need_not_be_there(tmp_path: Path) -> None:
+    other = Channel("/human_1", "std_msgs/msg/Bool", signals=(FieldMap("speed/human_2", "m/s", ("data",)),))
+
+    trial = read_mcap(tmp_path, [speed_message("/human_1")], wanted_of_humans(speed_of("human_1"), other))
+
+    assert [body.id for body in trial.bodies] == ["human_1"]
+
+
+@pytest.mark.parametrize("optional", [False, True])
+def test_a_topic_of_signals_that_has_no_messages_is_named_unless_optional(
+    tmp_path: Path, *, optional: bool
+) -> None:
+    path = write_bag(
+        tmp_path / "t.db3", [speed_message("/human_1"), speed_message("/human_2", 1)], storage="sqlite3"
+    )
+    with sqlite3.connect(path) as database:
+        database.execute(
+            "DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name = '/human_2')"
+        )
+    want = wanted_of_humans(speed_of("human_1"), speed_of("human_2", optional=optional))
+
+    trial = READER.read(path, want)
+
+    named = ("topic /human_2 (nist_gear/msg/Snapshot): it has no messages",)
+    assert trial.unrecorded == (() if optional else named)
+    assert len(trial.bodies) == (1 if optional else 2)
 
 
 def test_a_field_that_the_message_lacks_is_named_with_those_it_has(tmp_path: Path) -> None:
@@ -547,7 +616,7 @@ def test_a_competition_of_2023_starts_once_whether_or_not_its_first_state_was_se
     assert len(trial.events) == 2
 
 
-def test_what_no_plan_can_express_is_decoded_one_by_one_and_said(tmp_path: Path) -> None:
+def test_what_no_plan_can_express_is_decoded_one_by_one_and_speed_message(tmp_path: Path) -> None:
     """More fields than a plan takes: rosbags reads each message, and the trial tells."""
     from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415

@@ -37,8 +37,8 @@ class Instruction:
 def instructions(dockerfile: Path) -> list[Instruction]:
     """All of them in order, without comments."""
     lines = dockerfile.read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
-    told = [line.split(maxsplit=1) for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    return [Instruction(name.upper(), words.strip()) for name, words in told]
+    found = [line.split(maxsplit=1) for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return [Instruction(name.upper(), words.strip()) for name, words in found]
 
 
 def stages(found: Sequence[Instruction]) -> list[list[Instruction]]:

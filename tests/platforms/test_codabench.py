@@ -64,7 +64,7 @@ def reference(folder: Path, *trials: str, limits: Limits | None = None, config: 
     return folder
 
 
-def told(output: Path) -> dict[str, Any]:
+def stored_scores(output: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads((output / "scores.json").read_text(encoding="utf-8"))
     return found
 
@@ -88,7 +88,7 @@ def test_a_submission_is_scored_into_every_column(tmp_path: Path, log_text: str)
     assert score(inputs, tmp_path / "output") == 0
 
     result = score_trial(inputs / "res/kit_1", RULES)
-    assert told(tmp_path / "output") == {
+    assert stored_scores(tmp_path / "output") == {
         "final": float(result.score or 0),
         "raw": float(result.score or 0),
         "penalty": 0.0,
@@ -109,7 +109,7 @@ def test_the_best_run_counts_and_the_others_are_shown(tmp_path: Path, log_text: 
 
     assert score(inputs, tmp_path / "output") == 0
 
-    found = told(tmp_path / "output")
+    found = stored_scores(tmp_path / "output")
     assert found["final"] == float(score_trial(inputs / "res/kit_2.jsonl", RULES).score or 0)
     assert found["status_code"] == 1  # one run could not be read, and that is said
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
@@ -129,7 +129,7 @@ def test_an_empty_submission_is_a_scored_outcome_that_says_why(
 
     assert score(inputs, tmp_path / "output") == 0
 
-    found = told(tmp_path / "output")
+    found = stored_scores(tmp_path / "output")
     assert (found["final"], found["status_code"]) == (-1e6, 2)
     assert set(found) == {column.key for column in COLUMNS}
     assert "is taken for a program" in capsys.readouterr().out
@@ -152,7 +152,7 @@ def test_what_is_wrong_with_a_submission_is_told_and_scored(
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert said in capsys.readouterr().out
 
 
@@ -164,7 +164,7 @@ def test_a_hostile_archive_in_a_submission_is_its_own_fault(
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert "leads out of the archive" in capsys.readouterr().out
     assert not (tmp_path / "kit_1.jsonl").exists()
 
@@ -175,8 +175,8 @@ def test_a_run_beyond_its_time_leaves_the_others_their_score(tmp_path: Path, log
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 1  # `slow` was never run
-    assert told(tmp_path / "output")["final"] > 0
+    assert stored_scores(tmp_path / "output")["status_code"] == 1  # `slow` was never run
+    assert stored_scores(tmp_path / "output")["final"] > 0
 
 
 def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
@@ -191,8 +191,8 @@ def test_runs_that_would_begin_too_late_do_not_cost_the_others_their_score(
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 1
-    assert told(tmp_path / "output")["final"] > 0
+    assert stored_scores(tmp_path / "output")["status_code"] == 1
+    assert stored_scores(tmp_path / "output")["final"] > 0
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     assert "not scored: the runs before it took all the time" in page
 
@@ -336,7 +336,7 @@ def test_a_name_that_is_no_utf8_fails_no_scorer(tmp_path: Path, log_text: str) -
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 0
+    assert stored_scores(tmp_path / "output")["status_code"] == 0
     assert "caf\\udce9" in (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
 
 
@@ -409,7 +409,7 @@ def test_a_bundle_is_executed_as_the_worker_would(tmp_path: Path, log_text: str)
 
     assert dry_run(bundle(tmp_path), tmp_path / "submission.zip", tmp_path / "dry") == 0
 
-    found = told(tmp_path / "dry/output")
+    found = stored_scores(tmp_path / "dry/output")
     assert found["final"] == float(score_trial(tmp_path / "kit_1", RULES).score or 0)
 
 
@@ -445,7 +445,7 @@ def test_a_submission_that_looks_like_a_program_arrives_empty_and_is_told_so(
 
     assert dry_run(bundle(tmp_path), tmp_path / "trap.zip", tmp_path / "dry") == 0
 
-    assert told(tmp_path / "dry/output")["status_code"] == 2
+    assert stored_scores(tmp_path / "dry/output")["status_code"] == 2
     assert "is taken for a program" in capfd.readouterr().out
 
 
@@ -637,7 +637,7 @@ def test_a_log_map_of_the_organisers_own_is_packed(
 
     assert check_bundle(bundle) == []
     assert dry_run(bundle, submission, tmp_path / "dry") == 0
-    assert told(tmp_path / "dry/output")["status_code"] == 0
+    assert stored_scores(tmp_path / "dry/output")["status_code"] == 0
 
 
 def test_a_bundle_without_the_log_map_that_its_rules_name_is_refused(tmp_path: Path) -> None:
@@ -671,7 +671,7 @@ def test_archives_in_archives_share_one_limit(tmp_path: Path, capsys: pytest.Cap
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert "it holds more than" in capsys.readouterr().out
 
 
@@ -684,7 +684,7 @@ def test_archives_are_unpacked_only_so_deep(tmp_path: Path, capsys: pytest.Captu
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 2
+    assert stored_scores(tmp_path / "output")["status_code"] == 2
     assert "archives inside one another" in capsys.readouterr().out
 
 
@@ -695,7 +695,7 @@ def test_two_archives_of_one_stem_are_both_scored(tmp_path: Path, log_text: str)
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert told(tmp_path / "output")["status_code"] == 0
+    assert stored_scores(tmp_path / "output")["status_code"] == 0
     names = {file.name for file in (tmp_path / "output/results").iterdir()}
     assert names == {"kit_1.json", "kit_2.json"}
 
@@ -786,7 +786,8 @@ def test_an_honest_submission_is_scored_by_the_configuration_of_the_organiser(
 ) -> None:
     output = hosted(tmp_path, without_orders(log_text))
 
-    assert (told(output)["final"], told(output)["status_code"]) == (SCORE, 0)
+    found = stored_scores(output)
+    assert (found["final"], found["status_code"]) == (SCORE, 0)
     inputs = json.loads((output / "results/kitting_1.json").read_text(encoding="utf-8"))["provenance"][
         "inputs"
     ]
@@ -810,7 +811,7 @@ def test_a_configuration_that_a_submission_brings_does_not_count_and_is_named(
 ) -> None:
     output = hosted(tmp_path, without_orders(log_text), **brought)
 
-    assert told(output)["final"] == SCORE
+    assert stored_scores(output)["final"] == SCORE
     result = json.loads((output / "results/kitting_1.json").read_text(encoding="utf-8"))
     assert result["provenance"]["ignored"] == [f"{next(iter(brought))} (another configuration is binding)"]
 
@@ -821,7 +822,10 @@ def test_a_configuration_alone_is_no_submission(tmp_path: Path) -> None:
 
     assert score(inputs, tmp_path / "output") == 0
 
-    assert (told(tmp_path / "output")["final"], told(tmp_path / "output")["status_code"]) == (-1e6, 2)
+    assert (
+        stored_scores(tmp_path / "output")["final"],
+        stored_scores(tmp_path / "output")["status_code"],
+    ) == (-1e6, 2)
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     assert "no log of a trial" in page
 

@@ -50,8 +50,8 @@ def test_the_linter_of_dockerfiles_has_nothing_to_say() -> None:
     if program is None:
         _absent("hadolint is not here; it comes with the extra 'dev' where there is a wheel for it")
     command = [program, "--no-color", "--failure-threshold", "style", str(DOCKERFILE)]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (told.returncode, told.stdout) == (0, ""), told.stdout + told.stderr
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (0, ""), ended.stdout + ended.stderr
 
 
 def test_it_ends_as_somebody_without_rights() -> None:
@@ -116,9 +116,9 @@ def test_what_it_does_of_itself_is_a_command_we_have(capsys: pytest.CaptureFixtu
 def test_all_of_the_package_is_sent_and_nothing_else() -> None:
     names = sent(ROOT)
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    told = re.search(r"\[tool\.setuptools\.package-dir\]\n((?:.+\n)+)", text)
-    assert told
-    folders = set(re.findall(r'= "([^"]+)"', told[1]))
+    table = re.search(r"\[tool\.setuptools\.package-dir\]\n((?:.+\n)+)", text)
+    assert table
+    folders = set(re.findall(r'= "([^"]+)"', table[1]))
     assert len(folders) == 4
     assert {"pyproject.toml", "README.md", "LICENSE"} <= set(names)
     assert {name.partition("/")[0] for name in names} == {

@@ -486,14 +486,14 @@ def test_a_submission_for_another_phase_is_left_to_its_own_worker(
 
 
 @pytest.mark.parametrize(
-    "told", [{"body": {}, "receipt_handle": "r"}, [], {"body": {"submission_pk": "x"}}, {"body": 5}]
+    "answer", [{"body": {}, "receipt_handle": "r"}, [], {"body": {"submission_pk": "x"}}, {"body": 5}]
 )
 def test_an_answer_that_is_no_message_is_an_empty_queue_or_told(
-    platform: Platform, phase: Phase, tmp_path: Path, told: Any
+    platform: Platform, phase: Phase, tmp_path: Path, answer: Any
 ) -> None:
-    platform.queue.append(told)
+    platform.queue.append(answer)
     one, _ = worker(platform, phase, tmp_path)
-    if not told or not told["body"]:
+    if not answer or not answer["body"]:
         assert not one.once()
     else:
         with pytest.raises(ApiError, match="the queue gave no message of a submission"):
@@ -514,12 +514,12 @@ def test_the_shape_is_the_one_the_code_takes() -> None:
 
 
 def config(tmp_path: Path, change: Any = lambda _c: None) -> Path:
-    told = yaml.safe_load(challenge_config(Challenge("Finals", "finals")))
-    change(told)
+    document = yaml.safe_load(challenge_config(Challenge("Finals", "finals")))
+    change(document)
     for name, content in challenge_files(Challenge("Finals", "finals")).items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
-    (tmp_path / "challenge_config.yaml").write_text(yaml.safe_dump(told), encoding="utf-8")
+    (tmp_path / "challenge_config.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
     return tmp_path / "challenge_config.yaml"
 
 

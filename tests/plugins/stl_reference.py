@@ -1,4 +1,4 @@
-"""Signal temporal logic word for word: every window looked through, every sample asked. Slow and plain."""
+"""Signal temporal logic word for word: every window searched, sample by sample. Slow and plain."""
 
 from __future__ import annotations
 

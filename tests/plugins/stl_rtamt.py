@@ -16,8 +16,8 @@ def robustness(formula: str, period_s: float, columns: dict[str, list[float]]) -
     specification.spec = f"out = {formula}"
     specification.parse()
     n = len(next(iter(columns.values())))
-    told = specification.evaluate({"time": [k * period_s for k in range(n)], **columns})
-    return [value for _, value in told]
+    computed = specification.evaluate({"time": [k * period_s for k in range(n)], **columns})
+    return [value for _, value in computed]
 
 
 if __name__ == "__main__":

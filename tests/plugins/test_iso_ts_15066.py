@@ -6,7 +6,7 @@ Worked examples: monitor catalogue, M1 and section 3, and `worked_examples.json`
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -111,32 +111,29 @@ def test_a_human_covers_ground_while_the_robot_reacts_and_while_it_stops() -> No
     assert monitor.d_min_m(np.array([1.6]), np.array([1.0]))[0] == pytest.approx(1.31)
 
 
-def _examples() -> list[Any]:
+SYMBOLS = {"t1_s": "t1", "t2_s": "t2", "stopping_distance_m": "B", "delta_m": "delta", "cap_m": "cap"}
+
+
+def test_the_worked_examples_of_the_shared_file(subtests: pytest.Subtests) -> None:
     if not EXAMPLES_FILE.is_file():
-        return []
+        pytest.skip("the worked examples (../shared/standards) are not here")
     examples = json.loads(EXAMPLES_FILE.read_text(encoding="utf-8"))["examples"]
-    return [pytest.param(e, id=e["id"]) for e in examples if e["monitor"] == "M1.seed"]
+    of_the_seed = [example for example in examples if example["monitor"] == "M1.seed"]
+    assert {example["id"] for example in of_the_seed} >= {"W1.1", "W1.2", "W1.3"}
+    for example in of_the_seed:
+        with subtests.test(example["id"]):
+            inputs = example["inputs"]
+            wanted = {name: inputs[key] for name, key in SYMBOLS.items() if inputs[key] is not None}
+            fitting = [profile for profile, known in PROFILES.items() if known == wanted]
+            if not fitting:
+                pytest.skip(f"no profile has {wanted}")
 
+            (profile,) = fitting
+            required_m = SsmSeparation(profile=profile).d_min_m(
+                np.array([inputs["k_H"]]), np.array([inputs["k_R"]])
+            )  # type: ignore[arg-type]
 
-@pytest.mark.parametrize("example", _examples())
-def test_a_worked_example_of_the_shared_file(example: Mapping[str, Any]) -> None:
-    told = example["inputs"]
-    values = {"t1_s": "t1", "t2_s": "t2", "stopping_distance_m": "B", "delta_m": "delta", "cap_m": "cap"}
-    wanted = {name: told[key] for name, key in values.items() if told[key] is not None}
-    fitting = [profile for profile, known in PROFILES.items() if known == wanted]
-    if not fitting:
-        pytest.skip(f"no profile has {wanted}")
-
-    (profile,) = fitting
-    required_m = SsmSeparation(profile=profile).d_min_m(np.array([told["k_H"]]), np.array([told["k_R"]]))  # type: ignore[arg-type]
-
-    assert required_m[0] == pytest.approx(example["expected"]["d_min_m"], abs=example["tolerance"])
-
-
-def test_the_shared_file_has_examples_of_the_seed_formula() -> None:
-    if not SHARED.is_dir():
-        pytest.skip("the folder of official material (../shared) is not here")
-    assert {p.id for p in _examples()} >= {"W1.1", "W1.2", "W1.3"}
+            assert required_m[0] == pytest.approx(example["expected"]["d_min_m"], abs=example["tolerance"])
 
 
 @st.composite
@@ -277,7 +274,7 @@ def test_violations_shorter_than_t_on_are_ignored(t_on_s: float, verdict: Verdic
 
 
 @pytest.mark.parametrize(("robot_m_s", "moving"), [(0.0, "no"), (0.01, "no"), (0.011, "yes")])
-def test_a_violation_tells_whether_the_robot_moved(robot_m_s: float, moving: str) -> None:
+def test_a_violation_is_labelled_with_whether_the_robot_moved(robot_m_s: float, moving: str) -> None:
     violation = only(SsmSeparation(), watched([0.0, 0.01], [1.0, 1.0], robot=robot_m_s))
 
     assert violation.labels == {"robot_moving": moving}
@@ -289,8 +286,8 @@ TOWARDS_HUMAN, TOWARDS_ROBOT = "approach_speed_robot/robot/human", "approach_spe
 def approaching(trial: Trial, robot_m_s: float | None, human_m_s: float | None) -> Trial:
     """The trial with the speeds of both towards each other, as far as they are known."""
     t = trial.signals["speed/robot"].t
-    told = {TOWARDS_HUMAN: robot_m_s, TOWARDS_ROBOT: human_m_s}
-    more = {name: Signal(name, "m/s", t, np.full(len(t), v)) for name, v in told.items() if v is not None}
+    speeds = {TOWARDS_HUMAN: robot_m_s, TOWARDS_ROBOT: human_m_s}
+    more = {name: Signal(name, "m/s", t, np.full(len(t), v)) for name, v in speeds.items() if v is not None}
     return replace(trial, signals={**trial.signals, **more})
 
 
@@ -318,18 +315,18 @@ def test_the_profiles_of_2023_say_who_closed_in_and_decide_without_it(
     assert dict(violation.labels) == {"robot_moving": "yes", "closing_by": by}
 
 
-def test_the_seed_profile_reads_its_three_signals_alone_unless_it_is_told_otherwise() -> None:
+def test_the_seed_profile_reads_its_three_signals_alone_unless_blame_is_yes() -> None:
     trial = approaching(watched([0.0, 0.01], [0.9, 0.9], robot=0.5), 0.5, 0.0)
-    asked = SsmSeparation(blame="yes")
+    with_blame = SsmSeparation(blame="yes")
 
     assert only(SsmSeparation(), trial).labels == {"robot_moving": "yes"}
-    assert only(asked, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
+    assert only(with_blame, trial).labels == {"robot_moving": "yes", "closing_by": "robot"}
     assert {need.quantity for need in SsmSeparation().needs()} == {"centre_distance", "speed"}
-    assert {need.quantity for need in asked.needs()} >= {"approach_speed_robot", "approach_speed_human"}
+    assert {need.quantity for need in with_blame.needs()} >= {"approach_speed_robot", "approach_speed_human"}
     silent = SsmSeparation(profile="ariac2023", distance="centre_distance", blame="no")
     assert only(silent, trial).labels == {"robot_moving": "yes"}
-    told = [only(monitor, trial).quantities for monitor in (SsmSeparation(), asked, silent)]
-    assert ["exposure_s" in quantities for quantities in told] == [False, True, False]
+    measured = [only(monitor, trial).quantities for monitor in (SsmSeparation(), with_blame, silent)]
+    assert ["exposure_s" in quantities for quantities in measured] == [False, True, False]
     assert only(SsmSeparation(), watched([0.0], [9.0])).quantities == {}
 
 
@@ -356,7 +353,7 @@ def test_who_closes_in_is_not_known_where_the_poses_have_a_hole() -> None:
         (5.0, float(np.nextafter(0.01, 1.0)), 1.0),
     ],
 )
-def test_a_clean_trial_says_for_how_long_the_human_was_exposed(
+def test_a_clean_trial_measures_for_how_long_the_human_was_exposed(
     profile: Any, distance_m: float, robot_m_s: float, exposed_s: float
 ) -> None:
     trial = watched(at_100_hz(1.0), distance_m, robot=robot_m_s)
@@ -395,7 +392,7 @@ def test_a_clean_trial_has_no_energy_of_closing_in_where_a_mass_is_given() -> No
     assert violation.quantities["closing_energy_max_J"] == pytest.approx(1.0)
 
 
-def test_a_trial_without_violation_tells_its_closest_moment() -> None:
+def test_a_trial_without_violation_reports_its_closest_moment() -> None:
     finding = only(SsmSeparation(), watched([0.0, 0.01, 0.02], [4.0, 3.0, 5.0]))
 
     assert finding.verdict is SATISFIED
@@ -403,21 +400,21 @@ def test_a_trial_without_violation_tells_its_closest_moment() -> None:
     assert [sample.t_s for sample in finding.evidence] == [0.01] * 4
 
 
-@pytest.mark.parametrize(
-    ("start_s", "end_s", "violations"), [(2.0, 4.0, 0), (1.0, 4.0, 1), (2.0, 5.0, 1), (0.0, 6.0, 2)]
-)
-def test_only_what_happens_during_the_competition_counts(
-    start_s: float, end_s: float, violations: int
-) -> None:
-    # Too close on [0, 1] and on [5, 6], both ends included.
-    t = at_100_hz(6.0)
-    near = [1.0 if s <= 1.0 or s >= 5.0 else 9.0 for s in t]
-    events = (Event(start_s, "competition_started"), Event(end_s, "competition_ended"))
+def test_only_what_happens_during_the_competition_counts(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float, int]] = [(2.0, 4.0, 0), (1.0, 4.0, 1), (2.0, 5.0, 1), (0.0, 6.0, 2)]
+    for start_s, end_s, violations in cases:
+        with subtests.test(start_s=start_s, end_s=end_s, violations=violations):
+            # Too close on [0, 1] and on [5, 6], both ends included.
+            t = at_100_hz(6.0)
+            near = [1.0 if s <= 1.0 or s >= 5.0 else 9.0 for s in t]
+            events = (Event(start_s, "competition_started"), Event(end_s, "competition_ended"))
 
-    found = list(SsmSeparation().watch(watched(t, near, events=events)))
+            found = list(SsmSeparation().watch(watched(t, near, events=events)))
 
-    assert [f.verdict for f in found] == ([VIOLATED] * violations or [SATISFIED])
-    assert all(f.span and start_s <= f.span.start_s <= f.span.end_s <= end_s for f in found[:violations])
+            assert [f.verdict for f in found] == ([VIOLATED] * violations or [SATISFIED])
+            assert all(
+                f.span and start_s <= f.span.start_s <= f.span.end_s <= end_s for f in found[:violations]
+            )
 
 
 # Several bodies ------------------------------------------------------------------------
@@ -491,7 +488,7 @@ def test_nobody_to_watch_is_an_answer_only_of_a_log_that_records_every_body(
     assert all(f"no {kind}" in finding.message for kind in absent)
 
 
-def test_what_the_log_lacks_as_a_whole_is_not_said_again_where_nobody_is_watched() -> None:
+def test_what_the_log_lacks_as_a_whole_is_not_repeated_where_nobody_is_watched() -> None:
     trial = Trial("t", unrecorded=("topic /snapshot",), recorded=Span(0.0, 1.0))
 
     assert only(SsmSeparation(), trial).message == "the log shows no robot and no human"
@@ -525,7 +522,7 @@ def test_a_hole_just_as_long_as_allowed_is_fine(start_s: float) -> None:
     assert only(SsmSeparation(), watched(t, 9.0, window=Span(0.0, 2.0))).verdict is SATISFIED
 
 
-def test_a_hole_and_a_violation_are_both_said() -> None:
+def test_a_hole_and_a_violation_are_both_reported() -> None:
     t = without(at_100_hz(4.0), 1.0, 2.0)
     near = [1.0 if 3.0 <= s < 3.5 else 9.0 for s in t]
 
@@ -638,12 +635,12 @@ class Chart:
         marks = ((self.start, "competition_started"), (self.end, "competition_ended"))
         events = tuple(Event(k * TICK_S + shift_s, kind) for k, kind in marks)
         trial = watched(t, self.distance_m, human=self.human, robot=self.robot, events=events)
-        told = zip((TOWARDS_HUMAN, TOWARDS_ROBOT), self.towards, strict=True)
+        speeds = zip((TOWARDS_HUMAN, TOWARDS_ROBOT), self.towards, strict=True)
         more = {
             name: Signal(
                 name, "m/s", np.array([k * TICK_S + shift_s for k, _ in rows]), np.array([v for _, v in rows])
             )
-            for name, rows in told
+            for name, rows in speeds
             if rows
         }
         return replace(trial, signals={**trial.signals, **more})
@@ -719,8 +716,8 @@ def charts(draw: st.DrawFn) -> Chart:
 def _towards(draw: st.DrawFn, ticks: Sequence[int]) -> tuple[tuple[int, float], ...]:
     """A directed speed at some of the ticks, or at none."""
     kept = draw(st.sampled_from(["all", "some", "none"]))
-    asked = [k for k in ticks if kept == "all" or (kept == "some" and draw(st.booleans()))]
-    return tuple((k, draw(st.sampled_from([-0.5, 0.0, 0.25, 1.0]))) for k in asked)
+    chosen = [k for k in ticks if kept == "all" or (kept == "some" and draw(st.booleans()))]
+    return tuple((k, draw(st.sampled_from([-0.5, 0.0, 0.25, 1.0]))) for k in chosen)
 
 
 @dataclass
@@ -836,11 +833,11 @@ def moved(finding: Finding, shift_s: float) -> dict[str, Any]:
     """What must stay when all clocks are turned back by the shift; messages name times."""
     span = finding.span and Span(finding.span.start_s - shift_s, finding.span.end_s - shift_s)
     evidence = [replace(sample, t_s=sample.t_s - shift_s) for sample in finding.evidence]
-    told = {
+    unshifted = {
         n: getattr(finding, n) for n in ("subject", "verdict", "robustness", "unit", "critical", "clause")
     }
     return {
-        **told,
+        **unshifted,
         "span": span,
         "evidence": evidence,
         "labels": dict(finding.labels),
@@ -898,9 +895,11 @@ def test_a_negative_parameter_is_refused_and_named(name: str, value: float) -> N
         SsmSeparation(**{name: value})
 
 
-@pytest.mark.parametrize("name", TIMES_AND_LENGTHS)
-def test_a_parameter_may_be_zero(name: str) -> None:
-    assert getattr(build(**{name: 0}), name) == 0.0
+def test_a_parameter_may_be_zero(subtests: pytest.Subtests) -> None:
+    cases = TIMES_AND_LENGTHS
+    for name in cases:
+        with subtests.test(name=name):
+            assert getattr(build(**{name: 0}), name) == 0.0
 
 
 @pytest.mark.parametrize(("written", "word"), [(True, "yes"), (False, "no"), ("yes", "yes"), ("no", "no")])
@@ -909,12 +908,11 @@ def test_yes_and_no_need_no_quotes_in_yaml(name: str, written: Any, word: str) -
     assert getattr(build(**{name: written}), name) == word
 
 
-@pytest.mark.parametrize(
-    ("name", "written"), [("profile", True), ("blame", 1), ("speeds", False), ("blame", "y")]
-)
-def test_no_other_choice_takes_a_truth(name: str, written: Any) -> None:
-    with pytest.raises(RuleSetError, match="is not one of"):
-        build(**{name: written})
+def test_no_other_choice_takes_a_truth(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any]] = [("profile", True), ("blame", 1), ("speeds", False), ("blame", "y")]
+    for name, written in cases:
+        with subtests.test(name=name), pytest.raises(RuleSetError, match="is not one of"):
+            build(**{name: written})
 
 
 @pytest.mark.parametrize("value", [0.0, -0.05, float("nan")])

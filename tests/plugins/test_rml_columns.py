@@ -79,7 +79,7 @@ def margins_of(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
 
 @given(exps, streams(), st.sampled_from(POLICIES))
 @settings(max_examples=100)
-def test_the_table_says_what_the_interpreter_says(exp: str, stream: Stream, after: Any) -> None:
+def test_the_table_gives_the_verdicts_of_the_interpreter(exp: str, stream: Stream, after: Any) -> None:
     program = compile_rml(TYPES + f"Main = {exp}; G<n> = if (n > 0) low G<n - 1> else high;")
 
     fast = fast_watch(program.machine(), stream, after)
@@ -190,9 +190,8 @@ def margin_of(text: str, x: list[float]) -> list[float]:
     return found.margin.tolist()
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
+def test_the_margin_is_that_of_the_inequality_that_decides(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, list[float]]] = [
         ("a matches {x:v} with v >= 1; Main = a*;", [-1.0, 0.0, 2.0]),
         ("a matches {x:v} with v <= 1; Main = a*;", [1.0, 0.0, -2.0]),
         ("a matches {x:v} with 1 <= v; Main = a*;", [-1.0, 0.0, 2.0]),
@@ -202,10 +201,10 @@ def margin_of(text: str, x: list[float]) -> list[float]:
         ("a matches {x:v} with v >= 1; c matches {x:v} with v <= 2; Main = (a /\\ c)*;", [-1.0, 0.0, -1.0]),
         ("a matches {x:v} with v >= 1; c matches {y:_}; Main = c >> a*;", [np.inf] * 3),
         ("a matches {x:v} with 1 / v >= 1; Main = a*;", [-np.inf, 0.0, 1 / 3 - 1]),
-    ],
-)
-def test_the_margin_is_that_of_the_inequality_that_decides(text: str, expected: list[float]) -> None:
-    assert margin_of(text, [0.0, 1.0, 3.0]) == pytest.approx(expected)
+    ]
+    for text, expected in cases:
+        with subtests.test(text=text):
+            assert margin_of(text, [0.0, 1.0, 3.0]) == pytest.approx(expected)
 
 
 @given(exps, streams())

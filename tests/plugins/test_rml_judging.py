@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -101,8 +102,36 @@ def test_a_trial_that_ends_too_early_is_a_violation() -> None:
     assert [f.verdict for f in kept] == [Verdict.SATISFIED]
 
 
+@pytest.mark.parametrize(
+    ("kinds", "verdict"),
+    [
+        ((COMPETITION_STARTED, COMPETITION_ENDED), Verdict.VIOLATED),
+        ((COMPETITION_STARTED,), Verdict.INCONCLUSIVE),
+        ((COMPETITION_ENDED,), Verdict.INCONCLUSIVE),
+        ((), Verdict.INCONCLUSIVE),
+    ],
+)
+def test_what_is_still_asked_for_is_broken_only_where_the_log_shows_the_end(
+    kinds: tuple[str, ...], verdict: Verdict
+) -> None:
+    text = "low matches {topic: 's', x: v} with v < 1; high not matches low; Main = high* low any*;"
+    trial = steps_of_100_ms([2.0] * 8)
+    trial = replace(trial, events=tuple(event for event in trial.events if event.kind in kinds))
+
+    found = {finding.verdict for finding in spec(text).watch(trial)}
+
+    assert verdict in found
+    assert Verdict.SATISFIED not in found
+
+
+def test_without_the_end_a_specification_that_asks_for_nothing_more_is_kept() -> None:
+    (kept,) = spec(AT_LEAST_1).watch(replace(steps_of_100_ms([2.0] * 8), events=()))
+
+    assert kept.verdict is Verdict.SATISFIED
+
+
 def test_a_margin_that_an_event_has_not_is_missing_there_alone() -> None:
-    # A root of -1 has no value; `v >= 0` keeps it from being asked for, as it does event by event.
+    # A root of -1 has no value; `v >= 0` keeps it from being evaluated, as it does event by event.
     text = "a matches {topic: 's', x: v} with v >= 0 && v ^ 0.5 > 0.9; Main = a*;"
     trial = steps_of_100_ms([1.0, 0.25, 1.0, 1.0, 4.0, 9.0, -1.0, 1.0])
     measured, without = spec(text).watch(trial)

@@ -52,9 +52,8 @@ def refused(text: str, **how: Any) -> RmlError:
 # Places ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "column", "cause"),
-    [
+def test_a_text_that_breaks_the_grammar_is_refused_at_its_place(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, int, int, str]] = [
         ("Main = a", 1, 9, "';' was expected, not the end of the text"),
         ("Main = a) ;", 1, 9, "';' was expected, not '\\)'"),
         ("a matches {x:-1}; Main = a;", 1, 14, "a pattern was expected, not '-'"),
@@ -74,21 +73,18 @@ def refused(text: str, **how: Any) -> RmlError:
         ("", 1, 1, "an equation was expected"),
         ("é", 1, 1, "means nothing here"),
         ("a matches {s:'é'}; // ü\nMain = é;", 2, 8, "means nothing here"),
-    ],
-)
-def test_a_text_that_breaks_the_grammar_is_refused_at_its_place(
-    text: str, line: int, column: int, cause: str
-) -> None:
-    error = refused(text)
+    ]
+    for text, line, column, cause in cases:
+        with subtests.test(text=text, line=line, column=column):
+            error = refused(text)
 
-    assert (error.kind, error.line, error.column) == ("syntax", line, column)
-    assert re.search(cause, error.cause)
-    assert str(error).startswith(f"line {line}, column {column}: ")
+            assert (error.kind, error.line, error.column) == ("syntax", line, column)
+            assert re.search(cause, error.cause)
+            assert str(error).startswith(f"line {line}, column {column}: ")
 
 
-@pytest.mark.parametrize(
-    ("text", "kind", "column"),
-    [
+def test_what_can_mean_nothing_is_refused_before_any_event(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str, int]] = [
         ("Main = X;", "undefined_identifier", 8),
         ("X = empty;", "undefined_identifier", 1),
         ("Main<n> = a;", "main_is_generic", 1),
@@ -101,12 +97,12 @@ def test_a_text_that_breaks_the_grammar_is_refused_at_its_place(
         ("Main = a{1.0};", "repetition_count_not_int_literal", 9),
         ("Main = a('s');", "pattern_argument_in_expression", 8),
         (f"a matches {{x:{LARGEST_INT + 1}}}; Main = a;", "number_out_of_range", 14),
-    ],
-)
-def test_what_can_mean_nothing_is_refused_before_any_event(text: str, kind: str, column: int) -> None:
-    error = refused(text)
+    ]
+    for text, kind, column in cases:
+        with subtests.test(text=text, kind=kind, column=column):
+            error = refused(text)
 
-    assert (error.kind, error.line, error.column) == (kind, 1, column)
+            assert (error.kind, error.line, error.column) == (kind, 1, column)
 
 
 def test_a_guarded_recursion_and_the_largest_number_are_fine() -> None:
@@ -159,9 +155,8 @@ def test_a_pattern_that_stands_for_too_many_is_refused() -> None:
 # Readings --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "reading"),
-    [
+def test_operators_bind_as_the_grammar_says(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any]] = [
         ("a b c", ["cat", "a", ["cat", "b", "c"]]),
         ("a \\/ b \\/ c", ["or", ["or", "a", "b"], "c"]),
         ("a | b /\\ c \\/ d", ["shuffle", "a", ["or", ["and", "b", "c"], "d"]]),
@@ -169,20 +164,20 @@ def test_a_pattern_that_stands_for_too_many_is_refused() -> None:
         ("a (b >> c)* d", ["cat", "a", ["cat", ["star", ["filter", ["b"], "c", ["all"]]], "d"]]),
         ("a{2}?", ["opt", ["times", "a", 2]]),
         ("a (b c)", ["cat", "a", ["cat", "b", "c"]]),
-    ],
-)
-def test_operators_bind_as_the_grammar_says(text: str, reading: Any) -> None:
-    def events(node: Any) -> Any:
-        if isinstance(node, list) and node[0] == "event" and len(node) == 2:
-            return node[1]
-        return [events(child) for child in node] if isinstance(node, list) else node
+    ]
+    for text, reading in cases:
+        with subtests.test(text=text):
 
-    assert events(tree(parse(f"Main = {text};"))["Main"]) == reading
+            def events(node: Any) -> Any:
+                if isinstance(node, list) and node[0] == "event" and len(node) == 2:
+                    return node[1]
+                return [events(child) for child in node] if isinstance(node, list) else node
+
+            assert events(tree(parse(f"Main = {text};"))["Main"]) == reading
 
 
-@pytest.mark.parametrize(
-    ("text", "reading"),
-    [
+def test_arithmetic_binds_as_in_the_reference(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any]] = [
         ("12/2*3", ["op", "/", 12, ["op", "*", 2, 3]]),
         ("12-2+3", ["op", "-", 12, ["op", "+", 2, 3]]),
         ("1-1-1", ["op", "-", ["op", "-", 1, 1], 1]),
@@ -193,18 +188,21 @@ def test_operators_bind_as_the_grammar_says(text: str, reading: Any) -> None:
         ("1<2", ["op", "<", 1, 2]),
         ("v > 2", ["op", ">", ["var", "v"], 2]),
         ("min(v, 1)", ["op", "min", ["var", "v"], 1]),
-    ],
-)
-def test_arithmetic_binds_as_in_the_reference(text: str, reading: Any) -> None:
-    assert tree(parse(f"Main = G<{text}>; G<n> = a(n);"))["Main"] == ["apply", ["ref", "G"], [reading]]
+    ]
+    for text, reading in cases:
+        with subtests.test(text=text):
+            assert tree(parse(f"Main = G<{text}>; G<n> = a(n);"))["Main"] == [
+                "apply",
+                ["ref", "G"],
+                [reading],
+            ]
 
 
 # Warnings --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "warning"),
-    [
+def test_what_runs_but_hardly_as_meant_is_warned_about(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str]] = [
         ("Main = c;", "event type 'c' with 0 parameters is not declared"),
         (A + "Main = a(1);", "event type 'a' with 1 parameter is not declared"),
         (A + "Main = a; Y = Y;", "equation 'Y' is never used"),
@@ -214,23 +212,22 @@ def test_arithmetic_binds_as_in_the_reference(text: str, reading: Any) -> None:
         ("a not matches {x:v} with v > 3; Main = a;", "negates its pattern but not its guard"),
         ("a matches {x:1, x:2}; Main = a;", "has the key 'x' twice"),
         ("a matches {x:v} with 12/2*v > 1; Main = a;", "'*' binds tighter than '/'"),
-    ],
-)
-def test_what_runs_but_hardly_as_meant_is_warned_about(text: str, warning: str) -> None:
-    assert any(warning in str(w) for w in compile_rml(text).warnings)
+    ]
+    for text, warning in cases:
+        with subtests.test(text=text, warning=warning):
+            assert any(warning in str(w) for w in compile_rml(text).warnings)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_a_sound_specification_is_not_warned_about(subtests: pytest.Subtests) -> None:
+    cases: list[str] = [
         A + "Main = a b* any?;",
         "a matches {x:v} with 12/(2*v) > 1; Main = a;",
         "p(x) matches {x:x}; Main = {let x; p(x) B}; B = p(x);",
         "p(x) matches {x:x}; Main = G<1>; G<n> = p(n) G<n+1>?;",
-    ],
-)
-def test_a_sound_specification_is_not_warned_about(text: str) -> None:
-    assert compile_rml(text).warnings == ()
+    ]
+    for text in cases:
+        with subtests.test(text=text):
+            assert compile_rml(text).warnings == ()
 
 
 # The older dialect -----------------------------------------------------------------------

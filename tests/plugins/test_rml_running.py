@@ -39,13 +39,15 @@ R = {"e": "r"}
 # Guards ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("guard", "value", "letter"),
-    [
+def test_a_guard_is_solved(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, float, str]] = [
         ("v > 3", 3 + 1e-11, "F"),
         ("v > 3", 3 + 1e-9, "t"),
         ("v >= 3", 3 - 1e-11, "t"),
         ("v >= 3", 3 - 1e-9, "F"),
+        ("v >= 3 && v > 3", 3, "F"),
+        ("v > 3 && v >= 3", 3, "F"),
+        ("v >= 3 && v > 3", 3 + 1e-9, "t"),
         ("v == 3", 3, "t"),
         ("v != 3", 3 + 1e-11, "F"),
         ("v < 3 || v > 5", 4, "F"),
@@ -64,15 +66,14 @@ R = {"e": "r"}
         ("abs(w) <= 1 && w == v / 2", 2, "t"),
         ("abs(w) <= 1 && w == v / 2", 3, "F"),
         ("sin(w) > 2", 0, "t"),  # what is not linear waits, and its unknown never comes
-    ],
-)
-def test_a_guard_is_solved(guard: str, value: float, letter: str) -> None:
-    assert run(f"a matches {{x:v}} with {guard}; Main = a*;", {"x": value}).letters == letter
+    ]
+    for guard, value, letter in cases:
+        with subtests.test(guard=guard, value=value, letter=letter):
+            assert run(f"a matches {{x:v}} with {guard}; Main = a*;", {"x": value}).letters == letter
 
 
-@pytest.mark.parametrize(
-    ("guard", "value", "kind"),
-    [
+def test_a_guard_that_has_no_value_stops_the_run_with_its_cause(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, str]] = [
         ("v > 3", "5", "type_error"),
         ("v > 3", True, "type_error"),
         ("v > 3", None, "type_error"),
@@ -83,15 +84,15 @@ def test_a_guard_is_solved(guard: str, value: float, letter: str) -> None:
         ("v ^ 0.5 > 0", -1, "evaluation_error"),
         ("v > 3", 10**400, "evaluation_error"),
         ("w > u", 1, "unsupported"),
-    ],
-)
-def test_a_guard_that_has_no_value_stops_the_run_with_its_cause(guard: str, value: Any, kind: str) -> None:
-    found = run(f"a matches {{x:v}} with {guard}; Main = a*;", {"x": value}, {"x": 9})
+    ]
+    for guard, value, kind in cases:
+        with subtests.test(guard=guard, kind=kind):
+            found = run(f"a matches {{x:v}} with {guard}; Main = a*;", {"x": value}, {"x": 9})
 
-    assert found.letters == "E"
-    assert found.accepted is None
-    assert found.error is not None
-    assert found.error.kind == kind
+            assert found.letters == "E"
+            assert found.accepted is None
+            assert found.error is not None
+            assert found.error.kind == kind
 
 
 def test_an_error_beyond_the_first_failure_is_never_reached() -> None:
@@ -116,9 +117,8 @@ def test_the_tolerance_can_be_left_out_and_a_verdict_that_hangs_on_it_is_counted
 # Values ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("pattern", "value", "matches"),
-    [
+def test_a_pattern_takes_a_value_of_its_own_type_alone(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, bool]] = [
         ("1", 1, True),
         ("1", 1.0, False),
         ("1", True, False),
@@ -138,25 +138,28 @@ def test_the_tolerance_can_be_left_out_and_a_verdict_that_hangs_on_it_is_counted
         ("{}", {"k": 1}, True),
         ("{}", [], False),
         ("v", None, True),
-    ],
-)
-def test_a_pattern_takes_a_value_of_its_own_type_alone(pattern: str, value: Any, matches: bool) -> None:
-    assert run(f"a matches {{x:{pattern}}}; Main = a;", {"x": value}).letters == ("t" if matches else "F")
+    ]
+    for pattern, value, matches in cases:
+        with subtests.test(pattern=pattern, matches=matches):
+            assert run(f"a matches {{x:{pattern}}}; Main = a;", {"x": value}).letters == (
+                "t" if matches else "F"
+            )
 
 
-@pytest.mark.parametrize("event", [1, "x", [1], None, True, 0.5])
-def test_an_event_that_is_no_object_is_none_and_not_any(event: Any) -> None:
-    assert run("Main = any*;", event).letters == "F"
-    assert run("Main = none*;", event).letters == "t"
+def test_an_event_that_is_no_object_is_none_and_not_any(subtests: pytest.Subtests) -> None:
+    cases: list[Any] = [1, "x", [1], None, True, 0.5]
+    for event in cases:
+        with subtests.test(event=event):
+            assert run("Main = any*;", event).letters == "F"
+            assert run("Main = none*;", event).letters == "t"
 
 
 def test_a_missing_field_is_no_match_and_no_error() -> None:
     assert run("a matches {x:v} with v > 3; Main = a*;", {"y": 5}).letters == "F"
 
 
-@pytest.mark.parametrize(
-    ("condition", "value", "letters"),
-    [
+def test_conditions_compute_plainly(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, str]] = [
         ("x / 2 == 3", 6, "ft"),
         ("7 / 2 == 3.5", 0, "ft"),
         ("x == 2.0", 2, "ft"),
@@ -166,12 +169,12 @@ def test_a_missing_field_is_no_match_and_no_error() -> None:
         ("9 ^ 99 ^ 99 > x", 1, "E"),
         ("x", 1, "E"),
         ("x", True, "ft"),
-    ],
-)
-def test_conditions_compute_plainly(condition: str, value: Any, letters: str) -> None:
-    text = P + f"Main = {{let x; p(x) if ({condition}) r else empty}};"
+    ]
+    for condition, value, letters in cases:
+        with subtests.test(condition=condition, letters=letters):
+            text = P + f"Main = {{let x; p(x) if ({condition}) r else empty}};"
 
-    assert run(text, p(value), R).letters == letters
+            assert run(text, p(value), R).letters == letters
 
 
 # Scopes and choices ----------------------------------------------------------------------

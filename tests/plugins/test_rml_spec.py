@@ -7,6 +7,7 @@ held against; everything else is worked by hand.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,8 @@ def only(monitor: RmlSpec, trial: Trial) -> Finding:
     return finding
 
 
-def told(finding: Finding) -> tuple[Any, ...]:
-    """What a finding says, but for its words."""
+def facts_of(finding: Finding) -> tuple[Any, ...]:
+    """All of a finding but its words."""
     return (
         finding.subject,
         finding.verdict,
@@ -100,8 +101,8 @@ def test_the_example_gets_the_findings_and_the_score_of_the_separation_monitor()
 
     in_rml, built_in = list(SEPARATION.watch(trial)), list(SsmSeparation(profile="seed").watch(trial))
 
-    key = lambda finding: sorted(map(str, told(finding)[6]))  # noqa: E731  # evidence in any order
-    assert [told(f)[:6] for f in in_rml] == [told(f)[:6] for f in built_in]
+    key = lambda finding: sorted(map(str, facts_of(finding)[6]))  # noqa: E731  # evidence in any order
+    assert [facts_of(f)[:6] for f in in_rml] == [facts_of(f)[:6] for f in built_in]
     assert list(map(key, in_rml)) == list(map(key, built_in))
     result = score_trial(
         ROOT / "examples/kitting_near_miss.mcap", load_rule_set(str(ROOT / "examples/rml/separation.yaml"))
@@ -137,24 +138,23 @@ def test_any_trial_gets_the_findings_of_the_separation_monitor(
     in_rml = RmlSpec(SPEC, SNAPSHOT, exact=True, t_off_s=t_off_s).watch(trial)
     built_in = SsmSeparation(profile="seed", t_off_s=t_off_s).watch(trial)
 
-    assert [told(f)[:6] for f in in_rml] == [told(f)[:6] for f in built_in]
+    assert [facts_of(f)[:6] for f in in_rml] == [facts_of(f)[:6] for f in built_in]
 
 
-@pytest.mark.parametrize(
-    ("distance_m", "exact", "verdict"),
-    [
+def test_equal_distance_satisfies(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool, Verdict]] = [
         (2.6, True, Verdict.SATISFIED),
         (np.nextafter(2.6, 0), True, Verdict.VIOLATED),
         (np.nextafter(2.6, 0), False, Verdict.SATISFIED),  # the reference tolerates 1e-10
         (2.6 - 2e-10, False, Verdict.VIOLATED),
-    ],
-)
-def test_equal_distance_satisfies(distance_m: float, exact: bool, verdict: Verdict) -> None:
-    finding = only(RmlSpec(SPEC, SNAPSHOT, exact=exact), watched(at_100_hz(1.0), distance_m))
+    ]
+    for distance_m, exact, verdict in cases:
+        with subtests.test(distance_m=distance_m, exact=exact):
+            finding = only(RmlSpec(SPEC, SNAPSHOT, exact=exact), watched(at_100_hz(1.0), distance_m))
 
-    assert finding.verdict is verdict
-    assert finding.robustness is not None
-    assert (finding.robustness < 0) is (verdict is Verdict.VIOLATED)
+            assert finding.verdict is verdict
+            assert finding.robustness is not None
+            assert (finding.robustness < 0) is (verdict is Verdict.VIOLATED)
 
 
 # After a violation -----------------------------------------------------------------------
@@ -223,9 +223,8 @@ def test_without_a_specification_or_events_nothing_passes(monitor: RmlSpec) -> N
     assert only(monitor, near_misses(1)).verdict is Verdict.INCONCLUSIVE
 
 
-@pytest.mark.parametrize(
-    ("spec", "cause"),
-    [
+def test_an_event_that_cannot_be_judged_leaves_the_rest_undecided(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str]] = [
         (
             "a matches {topic:'gap', d:d} with d ^ 0.5 > 1.5; Main = a*;",
             "event 1, at 0.000 s: '^' has no value",
@@ -233,14 +232,14 @@ def test_without_a_specification_or_events_nothing_passes(monitor: RmlSpec) -> N
         ("a matches {topic:t, d:_} with t > 1; Main = a*;", "event 1, at 0.000 s: 't' is the string 'gap'"),
         ("a(x) matches {topic:'gap', d:x}; Main = {let x; if (x > 1) a(x)* else empty};", "the beginning"),
         ("a(x) matches {topic:'gap', d:x}; Main = ({let x; a(x) Main} | never)?;", "grown beyond"),
-    ],
-)
-def test_an_event_that_cannot_be_judged_leaves_the_rest_undecided(spec: str, cause: str) -> None:
-    finding = only(RmlSpec(spec, GAP, max_state=50), watched(at_100_hz(1.0), -2.0))
+    ]
+    for spec, cause in cases:
+        with subtests.test(spec=spec, cause=cause):
+            finding = only(RmlSpec(spec, GAP, max_state=50), watched(at_100_hz(1.0), -2.0))
 
-    assert finding.verdict is Verdict.INCONCLUSIVE
-    assert cause in finding.message
-    assert finding.span == Span(finding.span.start_s if finding.span else 0.0, 1.0)
+            assert finding.verdict is Verdict.INCONCLUSIVE
+            assert cause in finding.message
+            assert finding.span == Span(finding.span.start_s if finding.span else 0.0, 1.0)
 
 
 # Other specifications --------------------------------------------------------------------
@@ -259,6 +258,18 @@ def test_a_trial_that_ends_before_the_specification_may_is_a_violation(
     assert all(f.span == Span(1.0, 1.0) for f in violations)
 
 
+def test_a_log_without_the_end_of_the_competition_leaves_open_what_the_specification_still_needs() -> None:
+    spec = "near matches {topic:'gap', d:d} with d < 1; far not matches near; Main = far* near any*;"
+    never, once = (watched(at_100_hz(1.0), [3.0] * 50 + [d] + [3.0] * 50) for d in (3.0, 0.5))
+
+    open_ = only(RmlSpec(spec, GAP), replace(never, events=()))
+    kept = only(RmlSpec(spec, GAP), replace(once, events=()))
+
+    assert (open_.verdict, open_.span) == (Verdict.INCONCLUSIVE, Span(1.0, 1.0))
+    assert "does not show the end of the competition" in open_.message
+    assert kept.verdict is Verdict.SATISFIED
+
+
 def test_data_can_be_bound_over_the_events_of_a_trial() -> None:
     # The distance never changes: the first value holds for the whole block.
     spec = "at(d) matches {topic:'gap', d:d}; Main = {let d; at(d)*};"
@@ -269,7 +280,7 @@ def test_data_can_be_bound_over_the_events_of_a_trial() -> None:
     assert (moved.verdict, moved.span, moved.robustness) == (Verdict.VIOLATED, Span(0.1, 0.1), None)
 
 
-def test_each_robot_is_judged_on_its_own_and_topics_are_told_apart() -> None:
+def test_each_robot_is_judged_on_its_own_and_topics_are_distinguished() -> None:
     t = np.array(at_100_hz(1.0))
     signals = [
         Signal(f"speed/{name}", "m/s", t, np.full(len(t), v)) for name, v in (("r1", 0.2), ("r2", 0.9))

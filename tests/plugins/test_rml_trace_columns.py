@@ -65,20 +65,19 @@ def test_lines_of_one_layout_are_read_in_columns(values: list[str]) -> None:
     assert fast == slow
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
+def test_what_is_in_a_line_besides_keeps_nothing_from_columns(subtests: pytest.Subtests) -> None:
+    cases: list[str] = [
         '{"topic": "ns::s", "x": 0.5}',
         '{"a:b": {"c": "d:e"}, "x": 0.5}',
         '{"covariance": [1, 2.0, null], "x": 0.5}',
         '{"x": 0.5} {"x": 0.25}',  # two events on a line
         '{"stamp": 9007199254740991, "x": 0.5}',
-    ],
-)
-def test_what_is_in_a_line_besides_keeps_nothing_from_columns(line: str) -> None:
-    fast, slow = both(f"{line}\n" * 3, "low matches {x: v} with v <= 1; Main = low*;")
+    ]
+    for line in cases:
+        with subtests.test(line=line):
+            fast, slow = both(f"{line}\n" * 3, "low matches {x: v} with v <= 1; Main = low*;")
 
-    assert fast == slow
+            assert fast == slow
 
 
 @pytest.mark.parametrize("block_bytes", [1, 10, 29, 100, 1000])
@@ -91,9 +90,8 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch, block_bytes
     assert both(text) == expected
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_what_is_not_plain_is_left_to_the_interpreter(subtests: pytest.Subtests) -> None:
+    cases: list[str] = [
         '{"x": 1.0,}\n',
         '{"x": 1.0, "x": 2.0}\n',
         '{"x": 1.0, "at": {"n": 2.0, "n": 2.0}}\n',
@@ -111,12 +109,12 @@ def test_blocks_join_without_a_seam(monkeypatch: pytest.MonkeyPatch, block_bytes
         '{"topic": "s", "x": "1"}\n',  # an error names its event
         '{"topic": "s", "x": 1.00000000001}\n',  # a verdict that hangs on the tolerance is counted
         "[" * 5_000,
-    ],
-)
-def test_what_is_not_plain_is_left_to_the_interpreter(text: str) -> None:
-    spec = "low matches {topic: 's', x: v} with v <= 1; Main = low*;"
+    ]
+    for text in cases:
+        with subtests.test(text=text):
+            spec = "low matches {topic: 's', x: v} with v <= 1; Main = low*;"
 
-    assert run_lines(compile_rml(spec).machine(), BytesIO(text.encode())) is None
+            assert run_lines(compile_rml(spec).machine(), BytesIO(text.encode())) is None
 
 
 def test_text_that_is_no_utf_8_is_not_read_in_columns() -> None:

@@ -70,7 +70,7 @@ def test_what_only_rounding_parts_is_one_moment() -> None:
     (broken,) = dense("always[0.25,0.5] (v > 1 since[0,0.25] d > 1)", log)
 
     # Within the tolerance it is there already, and v has always been high enough since d was, at 0 s.
-    assert broken.span == Span(0.3125, t[4])  # said as the sample that it is next to
+    assert broken.span == Span(0.3125, t[4])  # named by the sample next to it
     assert broken.quantities["time_in_violation_s"] == 0.0625
 
 

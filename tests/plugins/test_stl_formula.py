@@ -147,7 +147,7 @@ def test_always_with_bounds_is_judged_in_them_and_nowhere_else() -> None:
     log = trial(tenths(6), [0, 0, 2, 2, 0, 0])
 
     assert only("always[0.2,0.3] d > 1", log).verdict is SATISFIED
-    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.4)  # what comes after is not asked
+    assert only("always[0.2,0.4] d > 1", log).span == Span(0.4, 0.4)  # what comes after does not count
 
 
 def test_past_and_change() -> None:
@@ -288,7 +288,7 @@ def test_a_gap_that_cannot_change_the_verdict_is_no_matter() -> None:
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])
-def test_a_violation_beside_a_gap_is_a_violation_and_the_gap_is_told_too(time: Any) -> None:
+def test_a_violation_next_to_a_gap_is_a_violation_and_the_gap_is_reported_too(time: Any) -> None:
     log = trial(GAP, [5, 0, 5, 5, 5, 5, 5, 5])
 
     found = findings("always d > 1", log, max_gap_s=0.15, time=time)
@@ -316,13 +316,17 @@ def test_what_a_promise_open_at_the_end_counts_as(beyond: Any, verdict: Verdict,
     assert only(STOP, log, beyond=beyond, time=time).verdict is verdict
 
 
-@pytest.mark.parametrize(
-    ("beyond", "verdict"),
-    [("undecided", INCONCLUSIVE), ("weak", SATISFIED), ("strong", VIOLATED), ("cut", SATISFIED)],
-)
-def test_what_a_window_longer_than_the_trial_counts_as(beyond: Any, verdict: Verdict) -> None:
-    assert only("always[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
-    assert only("historically[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
+def test_what_a_window_longer_than_the_trial_counts_as(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[Any, Verdict]] = [
+        ("undecided", INCONCLUSIVE),
+        ("weak", SATISFIED),
+        ("strong", VIOLATED),
+        ("cut", SATISFIED),
+    ]
+    for beyond, verdict in cases:
+        with subtests.test(beyond=beyond):
+            assert only("always[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
+            assert only("historically[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])
@@ -334,7 +338,7 @@ def test_what_a_window_after_the_trial_counts_as(beyond: Any, verdict: Verdict, 
     assert only("always[5,6] d > 1", trial(tenths(10), 0.0), beyond=beyond, time=time).verdict is verdict
 
 
-def test_episodes_too_short_to_count_are_told_of_but_do_not_violate() -> None:
+def test_episodes_too_short_to_count_are_mentioned_but_do_not_violate() -> None:
     log = trial(tenths(6), [5, 0, 5, 5, 0, 0])
 
     finding = only("always[0,0.3] d > 1", log, t_on_s=0.15)
@@ -343,6 +347,25 @@ def test_episodes_too_short_to_count_are_told_of_but_do_not_violate() -> None:
     assert finding.message == "never broken for 0.15 s; at its worst at 0.100 s by -1 m"
     assert only("always[0,0.3] d > 1", log, t_on_s=0.1).verdict is VIOLATED
     assert only("not (d > 1)", log, t_on_s=0.15).verdict is VIOLATED  # judged at one moment
+
+
+def test_a_margin_over_time_is_that_of_the_finding_where_only_truth_decides() -> None:
+    # At 0 s `v > 0.5` fails by 0: broken, although what is before the trial leaves the margin open below 0.
+    t = [0.0, 0.02, 0.04, 0.06]
+    human = Signal("speed/human", "m/s", np.array(t), np.array([2.0, 0.0, 0.0, 0.0]))
+    log = trial(t, v=[0.5, 0.0, 0.0, 0.0])
+    log = replace(log, signals={**log.signals, human.name: human})
+    formula = StlFormula(
+        formula="always (v > 0.5 since[0,0.05] w < 1)",
+        signals={"v": SPEED, "w": "speed of human in m/s"},
+        max_gap_s=0.05,
+    )
+
+    (finding,) = formula.watch(log)
+    (chart,) = formula.margins(log)
+
+    assert (finding.verdict, finding.robustness) == (VIOLATED, 0.0)
+    assert (chart.actual - chart.limit)[0] == 0.0
 
 
 def test_a_bridged_pause_is_no_time_in_violation() -> None:
@@ -355,7 +378,7 @@ def test_a_bridged_pause_is_no_time_in_violation() -> None:
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])
-def test_spans_are_told_without_the_tolerance_of_windows(time: Any) -> None:
+def test_spans_are_reported_without_the_tolerance_of_windows(time: Any) -> None:
     found = findings("always always[0,0.25] d > 1", trial(GAP, 5.0), max_gap_s=0.15, time=time)
 
     for finding in found:
@@ -393,26 +416,27 @@ def test_samples_behind_a_window_without_one_decide_no_until_and_no_since(bounds
     assert only(f"always[0.9,0.9] not (d > 1 since{bounds} v > 0.5)", lost).verdict is SATISFIED
 
 
-@pytest.mark.parametrize(
-    ("beyond", "promise", "rule"),
-    [
+def test_no_policy_decides_the_part_of_a_window_that_lies_in_the_trial_between_samples(
+    subtests: pytest.Subtests,
+) -> None:
+    cases: list[tuple[Any, Verdict, Verdict]] = [
         ("cut", INCONCLUSIVE, INCONCLUSIVE),
         ("weak", SATISFIED, INCONCLUSIVE),  # what lies beyond keeps the promise, whatever is missing before
         ("strong", INCONCLUSIVE, VIOLATED),
         ("undecided", INCONCLUSIVE, INCONCLUSIVE),
-    ],
-)
-def test_no_policy_decides_the_part_of_a_window_that_lies_in_the_trial_between_samples(
-    beyond: Any, promise: Verdict, rule: Verdict
-) -> None:
-    # Samples from 0 to 0.9 s of a trial from -0.05 to 0.95 s: the windows below hold none of them, and
-    # 0.03 s of each lie in the trial.
-    log = trial(tenths(10), 0.0, window=Span(-0.05, 0.95))
+    ]
+    for beyond, promise, rule in cases:
+        with subtests.test(beyond=beyond):
+            # Samples from 0 to 0.9 s of a trial from -0.05 to 0.95 s: the windows below hold none of them,
+            # and 0.03 s of each lie in the trial.
+            log = trial(tenths(10), 0.0, window=Span(-0.05, 0.95))
 
-    for ahead, back in (("eventually", "once"), ("always", "historically")):
-        wanted = promise if ahead == "eventually" else rule
-        assert only(f"always[0.95,0.95] {ahead}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
-        assert only(f"{back}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
+            for ahead, back in (("eventually", "once"), ("always", "historically")):
+                wanted = promise if ahead == "eventually" else rule
+                assert (
+                    only(f"always[0.95,0.95] {ahead}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
+                )
+                assert only(f"{back}[0.02,0.1] d > 1", log, beyond=beyond).verdict is wanted
 
 
 def test_bounds_between_two_samples_are_decided_in_dense_time() -> None:
@@ -482,22 +506,19 @@ def _several() -> Trial:
     return Trial("t", bodies=bodies, signals=signals, recorded=Span(0.0, 0.2))
 
 
-@pytest.mark.parametrize(
-    ("source", "formula", "verdicts"),
-    [
+def test_a_formula_is_judged_for_everyone_it_speaks_of(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str, Mapping[str, Verdict]]] = [
         ("centre_distance in m", "always x > 1", {"a/p": SATISFIED, "b/p": VIOLATED}),
         ("speed of robot in m/s", "always x < 2", {"a": SATISFIED, "b": VIOLATED}),
         ("speed of human in m/s", "always x < 2", {"p": SATISFIED}),
         ("speed of agv1 in m/s", "always x < 2", {"trial": SATISFIED}),
         ("centre_distance of b/p in m", "always x > 1", {"trial": VIOLATED}),
-    ],
-)
-def test_a_formula_is_judged_for_everyone_it_speaks_of(
-    source: str, formula: str, verdicts: Mapping[str, Verdict]
-) -> None:
-    found = StlFormula(formula=formula, signals={"x": source}, max_gap_s=0.2).watch(_several())
+    ]
+    for source, formula, verdicts in cases:
+        with subtests.test(source=source, formula=formula):
+            found = StlFormula(formula=formula, signals={"x": source}, max_gap_s=0.2).watch(_several())
 
-    assert {f.subject: f.verdict for f in found} == verdicts
+            assert {f.subject: f.verdict for f in found} == verdicts
 
 
 def test_it_needs_what_it_reads() -> None:
@@ -516,7 +537,7 @@ def test_a_missing_signal_is_not_decided() -> None:
     assert found[1].message == "signal 'speed/b' is not in the log"
 
 
-def test_nobody_to_judge_is_told_from_nobody_recorded() -> None:
+def test_nobody_to_judge_is_not_the_same_as_nobody_recorded() -> None:
     nobody = Trial("t", recorded=Span(0.0, 1.0))
 
     assert only(STOP, nobody).verdict is INCONCLUSIVE
@@ -543,9 +564,8 @@ def test_a_signal_in_another_unit_is_refused() -> None:
 # What is refused -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("formula", "message"),
-    [
+def test_a_formula_that_is_none_is_refused_with_its_place(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str]] = [
         ("", "the formula is empty"),
         ("   ", "the formula is empty"),
         ("always", "column 7: the formula ends where a predicate"),
@@ -594,30 +614,33 @@ def test_a_signal_in_another_unit_is_refused() -> None:
         ("d > 2j", "column 6: unknown signal 'j'"),
         ("1 > 2", "the formula uses no signal"),
         ("always true", "the formula uses no signal"),
-    ],
-)
-def test_a_formula_that_is_none_is_refused_with_its_place(formula: str, message: str) -> None:
-    with pytest.raises(StlError) as error:
-        StlFormula(
-            formula=formula, signals={"d": DISTANCE, "v": SPEED} if "v" in formula else {"d": DISTANCE}
-        )
+    ]
+    for formula, message in cases:
+        with subtests.test(formula=formula, message=message):
+            with pytest.raises(StlError) as error:
+                StlFormula(
+                    formula=formula,
+                    signals={"d": DISTANCE, "v": SPEED} if "v" in formula else {"d": DISTANCE},
+                )
 
-    assert message in str(error.value)
-    str(error.value).encode()  # can be printed, whatever the formula had in it
+            assert message in str(error.value)
+            str(error.value).encode()  # can be printed, whatever the formula had in it
 
 
-@pytest.mark.parametrize("n", [MAX_DEPTH + 1, 1000, 10_000, 1_000_000])
-def test_brackets_without_end_are_refused(n: int) -> None:
-    for formula in (
-        "(" * n + "d > 1" + ")" * n,
-        "(" * (n + 1000) + "d" + ")" * (n + 1000) + " > 1",  # Python itself stops at 200
-        "(" * n,
-        "not " * n + "d > 1",
-    ):
-        with pytest.raises(StlError):
-            parse(formula, ["d"])
-    with pytest.raises(StlError, match=r"deep|longer"):
-        parse("d > 1 -> " * n + "d > 1", ["d"])
+def test_brackets_without_end_are_refused(subtests: pytest.Subtests) -> None:
+    cases: list[int] = [MAX_DEPTH + 1, 1000, 10_000, 1_000_000]
+    for n in cases:
+        with subtests.test(n=n):
+            for formula in (
+                "(" * n + "d > 1" + ")" * n,
+                "(" * (n + 1000) + "d" + ")" * (n + 1000) + " > 1",  # Python itself stops at 200
+                "(" * n,
+                "not " * n + "d > 1",
+            ):
+                with pytest.raises(StlError):
+                    parse(formula, ["d"])
+            with pytest.raises(StlError, match=r"deep|longer"):
+                parse("d > 1 -> " * n + "d > 1", ["d"])
 
 
 def test_a_formula_may_be_as_deep_as_it_says_and_no_deeper() -> None:
@@ -692,35 +715,39 @@ def test_any_words_are_a_formula_or_an_error_that_says_so(words: list[str]) -> N
         assert parse(node.text, ["d", "v"]).text == node.text
 
 
-@pytest.mark.parametrize(
-    ("formula", "message"),
-    [
+def test_different_units_are_not_compared(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, str]] = [
         ("d > v", "'d > v' mixes m and m/s"),
         ("d + v > 1", "'d + v' mixes m and m/s"),
         ("max(d, v) > 1", "mixes m and m/s"),
         ("d * v > d", "mixes m^2/s and m"),
         ("d ** 2 > d", "mixes m^2 and m"),
         ("always (d > 1 and v / d < v)", "column 19: 'v / d < v' mixes 1/s and m/s"),
-    ],
-)
-def test_different_units_are_not_compared(formula: str, message: str) -> None:
-    with pytest.raises(StlError) as error:
-        monitor(formula)
+    ]
+    for formula, message in cases:
+        with subtests.test(formula=formula, message=message):
+            with pytest.raises(StlError) as error:
+                monitor(formula)
 
-    assert message in str(error.value)
-
-
-@pytest.mark.parametrize(
-    "formula",
-    ["d > 2.6 + 1.5 * v", "d / v > 2", "d * d > d ** 2", "v * v / v < v", "abs(-d) > min(d, 1)", "0 < d < 2"],
-)
-def test_a_bare_number_may_have_any_unit(formula: str) -> None:
-    assert monitor(formula).tree.names
+            assert message in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
+def test_a_bare_number_may_have_any_unit(subtests: pytest.Subtests) -> None:
+    cases: list[str] = [
+        "d > 2.6 + 1.5 * v",
+        "d / v > 2",
+        "d * d > d ** 2",
+        "v * v / v < v",
+        "abs(-d) > min(d, 1)",
+        "0 < d < 2",
+    ]
+    for formula in cases:
+        with subtests.test(formula=formula):
+            assert monitor(formula).tree.names
+
+
+def test_parameters_that_make_no_sense_are_refused(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[Mapping[str, Any], str]] = [
         ({"signals": {"d": "centre_distance"}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in  "}}, "write 'QUANTITY in UNIT'"),
         ({"signals": {"d": "centre_distance in m,s"}}, "'m,s' is not a unit"),
@@ -736,13 +763,13 @@ def test_a_bare_number_may_have_any_unit(formula: str) -> None:
         ({"t_off_s": -1.0}, "t_off_s is -1 but cannot be negative"),
         ({"time": "dense", "formula": "always next d > 1"}, "column 8: 'next' is about neighbouring samples"),
         ({"time": "dense", "formula": "rise(d > 1)"}, "'rise' is about neighbouring samples"),
-    ],
-)
-def test_parameters_that_make_no_sense_are_refused(parameters: Mapping[str, Any], message: str) -> None:
-    with pytest.raises(ValueError) as error:  # noqa: PT011  # the text is looked at below
-        StlFormula(**{"formula": "always d > 1", "signals": {"d": DISTANCE}, **parameters})
+    ]
+    for parameters, message in cases:
+        with subtests.test(message=message):
+            with pytest.raises(ValueError) as error:  # noqa: PT011  # the text is looked at below
+                StlFormula(**{"formula": "always d > 1", "signals": {"d": DISTANCE}, **parameters})
 
-    assert message in str(error.value)
+            assert message in str(error.value)
 
 
 def test_constants_stand_in_predicates_and_in_bounds() -> None:

@@ -176,7 +176,7 @@ def _reach(formula: Any) -> tuple[float, float]:
 
 @given(FORMULAS, traces([0.05, 0.1, 0.2]), st.booleans())
 @LAWS
-def test_weak_never_says_less_than_strong_and_both_lie_within_undecided(
+def test_weak_is_never_below_strong_and_both_lie_within_undecided(
     formula: Any, trace: tuple[list[float], dict[str, list[float]]], dense: bool
 ) -> None:
     t, values = trace
@@ -250,7 +250,7 @@ def _random_formula(draw: random.Random, depth: int) -> Any:
     )
 
 
-def test_rtamt_says_the_same() -> None:
+def test_rtamt_gives_the_same_robustness() -> None:
     """300 formulas; both-or-neither goes there as two implications, for its own is not sound."""
     python = _rtamt_python()
     draw = random.Random(20)  # noqa: S311  # the same formulas every time
@@ -383,10 +383,16 @@ def test_the_recursion_of_until_step_by_step(pairs: list[tuple[float, float]], s
     assert chained(caps, floors, start).tolist() == wanted
 
 
-@pytest.mark.parametrize("width", [1, 2, 63, 64, 65, 128, 5_000, 10_000, 20_000])
-def test_long_and_short_windows_agree_whichever_way_they_are_found(width: int) -> None:
-    values = np.random.default_rng(1).random(10_000)
-    rows = np.arange(10_000)
+def test_long_and_short_windows_agree_whichever_way_they_are_found(subtests: pytest.Subtests) -> None:
+    cases: list[int] = [1, 2, 63, 64, 65, 128, 5_000, 10_000, 20_000]
+    for width in cases:
+        with subtests.test(width=width):
+            values = np.random.default_rng(1).random(10_000)
+            rows = np.arange(10_000)
 
-    assert (lowest_sliding(values, 0, width - 1) == lowest_between(values, rows, rows + width - 1)).all()
-    assert (lowest_sliding(values, 1 - width, 0) == lowest_between(values, rows - width + 1, rows)).all()
+            assert (
+                lowest_sliding(values, 0, width - 1) == lowest_between(values, rows, rows + width - 1)
+            ).all()
+            assert (
+                lowest_sliding(values, 1 - width, 0) == lowest_between(values, rows - width + 1, rows)
+            ).all()

@@ -148,7 +148,7 @@ def test_every_margin_is_that_of_the_whole_log_holes_and_limits_included(
 
 @given(text=FORMULAS, trace=traces([1]), beyond=BEYOND)
 @LAWS
-def test_an_instant_is_spoken_of_as_soon_as_all_that_it_looks_at_has_come(
+def test_an_instant_is_judged_as_soon_as_all_that_it_looks_at_has_come(
     text: str, trace: Any, beyond: Any
 ) -> None:
     t, values = trace
@@ -207,10 +207,10 @@ def samples(trial: Trial) -> list[Sample]:
     return sorted(found, key=lambda sample: (sample.t_s, sample.signal))
 
 
-def said(monitor: StlFormula, trial: Trial) -> list[tuple[float, InstantVerdict]]:
-    """What is said, each with the time at which it was."""
+def stepped(monitor: StlFormula, trial: Trial) -> list[tuple[float, InstantVerdict]]:
+    """Every verdict, with the time at which it was given."""
     watch = monitor.begin(trial.bodies)
-    return [(s.t_s, standing) for s in samples(trial) for standing in watch.step([s])]
+    return [(s.t_s, verdict) for s in samples(trial) for verdict in watch.step([s])]
 
 
 def formula(text: str, **more: Any) -> StlFormula:
@@ -222,7 +222,7 @@ def test_a_promise_is_judged_when_its_time_is_up_and_not_before() -> None:
     t = [k / 10 for k in range(8)]
     near = log(t, d=[9, 0.5, 9, 9, 9, 9, 9, 9], v=[1, 1, 1, 1, 1, 1, 1, 1])
 
-    found = said(formula(STOPS), near)
+    found = stepped(formula(STOPS), near)
 
     assert [(now, s.t_s) for now, s in found] == [(round(k / 10 + 0.2, 1), k / 10) for k in range(6)]
     broken = [s for _, s in found if s.verdict is Verdict.VIOLATED]
@@ -234,7 +234,7 @@ def test_a_promise_is_judged_when_its_time_is_up_and_not_before() -> None:
 def test_looking_back_needs_no_waiting_and_a_margin_has_its_unit() -> None:
     trial = log([0.0, 0.1, 0.2], d=[9, 9, 9], v=[0.5, 0.2, 0.1])
 
-    found = said(formula("always historically[0,0.1] v < 0.4"), trial)
+    found = stepped(formula("always historically[0,0.1] v < 0.4"), trial)
 
     assert [(now, s.t_s) for now, s in found] == [(0.0, 0.0), (0.1, 0.1), (0.2, 0.2)]
     assert [s.verdict for _, s in found] == [Verdict.VIOLATED, Verdict.VIOLATED, Verdict.SATISFIED]
@@ -245,11 +245,11 @@ def test_looking_back_needs_no_waiting_and_a_margin_has_its_unit() -> None:
     ]
 
 
-def test_what_is_before_the_trial_is_unknown_unless_told() -> None:
+def test_what_is_before_the_trial_is_unknown_unless_a_policy_decides_it() -> None:
     trial = log([0.0, 0.1, 0.2], d=[9, 9, 9], v=[0.2, 0.2, 0.2])
     text = "always historically[0,0.1] v < 0.4"
 
-    first = {b: said(formula(text, beyond=b), trial)[0][1] for b in ("undecided", "weak", "strong", "cut")}
+    first = {b: stepped(formula(text, beyond=b), trial)[0][1] for b in ("undecided", "weak", "strong", "cut")}
 
     assert {b: s.verdict.value for b, s in first.items()} == {
         "undecided": "inconclusive",
@@ -263,7 +263,7 @@ def test_what_is_before_the_trial_is_unknown_unless_told() -> None:
 def test_a_formula_without_always_is_judged_at_the_start_and_for_good(text: str) -> None:
     trial = log([0.0, 0.1, 0.2, 0.3], d=[9] * 4, v=[0.1, 0.2, 0.5, 0.5])
 
-    ((_, only),) = said(formula(text), trial)
+    ((_, only),) = stepped(formula(text), trial)
 
     assert (only.t_s, only.final) == (0.0, True)
     (found,) = formula(text).watch(trial)
@@ -272,7 +272,7 @@ def test_a_formula_without_always_is_judged_at_the_start_and_for_good(text: str)
 
 def test_an_always_with_bounds_is_final_when_they_have_passed() -> None:
     trial = log([k / 10 for k in range(6)], d=[9] * 6, v=[0.9, 0.1, 0.1, 0.9, 0.9, 0.9])
-    kept, broken = (said(formula(f"always[0.1,{end}] v < 0.4"), trial) for end in (0.2, 0.3))
+    kept, broken = (stepped(formula(f"always[0.1,{end}] v < 0.4"), trial) for end in (0.2, 0.3))
 
     assert [(s.t_s, s.verdict, s.final) for _, s in kept] == [
         (0.1, Verdict.SATISFIED, False),
@@ -285,23 +285,22 @@ def test_an_always_with_bounds_is_final_when_they_have_passed() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "more", "why"),
-    [
+def test_what_cannot_be_decided_before_the_end_is_reported_as_such(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, str]] = [
         ("always (d < 1 -> eventually v < 0.1)", {}, "'eventually v < 0.1' (column 18) looks ahead without"),
         ("always (v < 1 until d < 1)", {}, "'v < 1 until d < 1' (column 9) looks ahead without a bound"),
         ("eventually v < 1", {}, "give it bounds, as in 'eventually[0,5]'"),
         ("always v < 1", {"time": "dense"}, "dense time is judged at the end"),
-    ],
-)
-def test_what_cannot_be_said_before_the_end_is_said_to_be_so(text: str, more: Any, why: str) -> None:
-    monitor = formula(text, **more)
-    trial = log([0.0, 0.1], d=[9, 9], v=[0, 0])
+    ]
+    for text, more, why in cases:
+        with subtests.test(text=text, why=why):
+            monitor = formula(text, **more)
+            trial = log([0.0, 0.1], d=[9, 9], v=[0, 0])
 
-    assert why in undecided_online(monitor.specification)
-    assert monitor.begin(BODIES).undecided == undecided_online(monitor.specification)  # type: ignore[attr-defined]
-    assert said(monitor, trial) == []
-    assert ending(monitor, trial) == list(monitor.watch(trial))
+            assert why in undecided_online(monitor.specification)
+            assert monitor.begin(BODIES).undecided == undecided_online(monitor.specification)  # type: ignore[attr-defined]
+            assert stepped(monitor, trial) == []
+            assert ending(monitor, trial) == list(monitor.watch(trial))
 
 
 def test_a_formula_about_nobody_known_says_so() -> None:
@@ -311,7 +310,7 @@ def test_a_formula_about_nobody_known_says_so() -> None:
 
 
 @pytest.mark.parametrize("text", ["always v < 1", "historically v < 1", "always eventually[0,9] v < 1"])
-def test_what_can_be_said_is_not_put_off(text: str) -> None:
+def test_what_can_be_decided_is_not_put_off(text: str) -> None:
     assert undecided_online(formula(text).specification) == ""
 
 
@@ -323,7 +322,7 @@ def test_an_outermost_always_without_bounds_is_no_look_ahead() -> None:
 def test_a_formula_without_value_is_undecided_from_there_on() -> None:
     trial = log([0.0, 0.1, 0.2], d=[9, 9, 9], v=[1, 0, 1])
 
-    found = said(formula("always 1 / v < 4"), trial)
+    found = stepped(formula("always 1 / v < 4"), trial)
 
     assert [(s.verdict, s.final) for _, s in found] == [
         (Verdict.SATISFIED, False),
@@ -393,8 +392,15 @@ def test_the_findings_in_the_end_are_those_of_the_whole_log(
     "monitor",
     [
         formula(STOPS, max_gap_s=0.05),
-        formula("always historically[0,1] v < 0.3", max_gap_s=0.05, t_on_s=0.1),
-        formula("always[1,4] (rise v > 0.2 -> d > 1 since[0.1,2] v < 0.1)", max_gap_s=0.05, beyond="weak"),
+        pytest.param(
+            formula("always historically[0,1] v < 0.3", max_gap_s=0.05, t_on_s=0.1), marks=pytest.mark.slow
+        ),
+        pytest.param(
+            formula(
+                "always[1,4] (rise v > 0.2 -> d > 1 since[0.1,2] v < 0.1)", max_gap_s=0.05, beyond="weak"
+            ),
+            marks=pytest.mark.slow,
+        ),
         formula("eventually v > 0.2", max_gap_s=0.05),
         formula("always v < 0.3", max_gap_s=0.05, time="dense"),
     ],

@@ -1,4 +1,4 @@
-"""A ranking with the decisions of stewards beside the automatic one."""
+"""A ranking with the decisions of stewards and the automatic one."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_the_text_has_both_tables_every_decision_and_what_moved(results: Path, r
     assert "The jury, 2024-05-12T14:30:00Z: see protocol 3" in text
 
 
-def test_the_table_has_the_automatic_rank_beside(results: Path, rank: Rank) -> None:
+def test_the_table_has_the_automatic_rank_as_well(results: Path, rank: Rank) -> None:
     lines = rank(decision(results, "aurora", "kitting", 1, {"points": 100}), output="csv").splitlines()
 
     assert lines[0].endswith("automatic rank,automatic value")

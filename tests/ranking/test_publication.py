@@ -194,7 +194,7 @@ def test_count_back_compares_trials_won_then_second_places(tmp_path: Path) -> No
     assert [s.rank for s in counted.standings] == [1, 1]
 
 
-def test_more_trials_won_come_first_and_it_is_said(tmp_path: Path) -> None:
+def test_more_trials_won_come_first_and_the_tie_break_is_named(tmp_path: Path) -> None:
     # alpha 5 + 1, beta 3 + 3: each wins one and is second in the other.
     for team, flaws in (("alpha", ("", "type")), ("beta", ("color", "color"))):
         for trial, flaw in zip(("one", "two"), flaws, strict=True):
@@ -301,8 +301,8 @@ def test_a_ranking_reads_back_as_it_was(published: Path) -> None:
     ]
     assert len(found.results) == 45
     assert found.statistics is not None
-    told = data["statistics"]["teams"]
-    assert [one["rank_low"] for one in told] == [odds.rank_low for odds in found.statistics.teams]
+    teams = data["statistics"]["teams"]
+    assert [one["rank_low"] for one in teams] == [odds.rank_low for odds in found.statistics.teams]
     for key, stored in found.results.items():
         assert stored.file == f"{key[0]}/{key[1]}_{key[2]}.json"
 

@@ -96,18 +96,18 @@ def test_teams_are_priced_against_each_other(tmp_path: Path) -> None:
     assert table(ranking(tmp_path)) == [(1, "alpha", 15.0), (2, "beta", 2.5)]
 
 
-def test_one_of_a_kind_is_told_in_the_singular_and_no_value_across_teams_is_told_too(tmp_path: Path) -> None:
+def test_counts_of_one_are_in_the_singular_and_a_cohort_without_values_is_named(tmp_path: Path) -> None:
     run(tmp_path, "alpha", 1)
     found = ranking(tmp_path)
-    told = ranking_text(found).splitlines()
+    lines = ranking_text(found).splitlines()
 
-    assert told[1] == "1 team, 1 trial, 1 run, 1 of them count"
-    assert "  kit: mean sensor_cost 1000 (1 team)" in told
+    assert lines[1] == "1 team, 1 trial, 1 run, 1 of them count"
+    assert "  kit: mean sensor_cost 1000 (1 team)" in lines
 
     assert found.cohort is not None
-    told = ranking_text(replace(found, cohort=Cohort.of(found.cohort.rule_set, {"kit": {}}))).splitlines()
+    lines = ranking_text(replace(found, cohort=Cohort.of(found.cohort.rule_set, {"kit": {}}))).splitlines()
 
-    assert told[told.index("Across teams") + 1] == "  nothing: no run counts"
+    assert lines[lines.index("Across teams") + 1] == "  nothing: no run counts"
 
 
 def test_the_best_run_counts_by_score_and_then_by_time(tmp_path: Path) -> None:
@@ -366,7 +366,7 @@ def test_a_link_within_a_run_that_leads_out_of_it_is_not_followed(tmp_path: Path
     assert "link" in reason
 
 
-def test_a_team_with_fewer_judges_is_told_about(tmp_path: Path) -> None:
+def test_a_team_with_fewer_judges_has_a_remark(tmp_path: Path) -> None:
     run(tmp_path, "alpha", 1)
     run(tmp_path, "beta", 1)
     teams = "teams: [{id: alpha, judges: [[1, 1], [2, 2]]}, {id: beta, judges: [[5, 5]]}]\n"
@@ -430,9 +430,9 @@ def test_a_team_prices_its_own_trial_against_the_published_cohort(
     score = ["score", str(own), "--rules", "ariac2024.official"]
 
     assert main(score) == 6
-    told = capsys.readouterr()
-    assert told.out.startswith("needs_cohort")
-    assert "task score 5, before other teams are looked at" in told.out
+    out = capsys.readouterr().out
+    assert out.startswith("needs_cohort")
+    assert "task score 5, before other teams are looked at" in out
     assert main([*score, "--cohort", str(cohort)]) == 0
     assert capsys.readouterr().out.startswith("2.5\n")
     assert main([*score, "--cohort", str(cohort), "--cohort-trial", "kitt"]) == 4
@@ -555,13 +555,13 @@ def rows(text: str) -> list[dict[str, str]]:
 def test_the_example_competitions_are_ranked_alike_every_time(
     year: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = []
+    texts = []
     for _ in range(2):
         assert main(["rank", str(EXAMPLES / year), "--output-format", "json"]) == 0
-        told.append(capsys.readouterr().out)
+        texts.append(capsys.readouterr().out)
 
-    data: dict[str, Any] = json.loads(told[0])
-    assert told[0] == told[1]
+    data: dict[str, Any] = json.loads(texts[0])
+    assert texts[0] == texts[1]
     assert schema_errors(data, "ranking") == []
     if data["cohort"] is not None:
         assert schema_errors({"schema": COHORT.tag, **data["cohort"]}, "cohort") == []

@@ -242,7 +242,7 @@ def test_every_way_of_drawing_trials_and_runs_is_as_likely() -> None:
         assert found[team][0] == pytest.approx(float(chance), abs=5 * (0.25 / 10_000) ** 0.5)
 
 
-def test_a_team_that_is_always_far_ahead_is_told_apart() -> None:
+def test_a_team_that_is_always_far_ahead_is_clearly_ahead() -> None:
     scores = {
         "A": [[100 + j, 101 + j] for j in range(10)],
         "B": [[50 + j % 3, 51 + j % 2] for j in range(10)],
@@ -304,7 +304,7 @@ def test_teams_that_are_all_alike_share_every_rank_and_one_group() -> None:
     assert {p.chance for p in found.pairs} == {0.5}
 
 
-def test_few_trials_are_said_to_be_few_and_enough_are_not() -> None:
+def test_a_note_warns_of_few_trials_and_not_of_enough() -> None:
     def notes(count: int) -> str:
         return " ".join(statistics({t: [[i + j, j] for j in range(count)] for i, t in enumerate("AB")}).notes)
 
@@ -357,9 +357,9 @@ def test_what_holds_for_every_competition(scores: list[list[list[int]]], keep: i
         assert sum(odds.chances) == pytest.approx(1)
     together = {team for group in found.groups for team in group.teams}
     assert together == set(teams)
-    apart = {frozenset((p.first, p.second)) for p in found.pairs if p.distinguished}
+    clear = {frozenset((p.first, p.second)) for p in found.pairs if p.distinguished}
     for group in found.groups:
-        assert not any(frozenset(two) in apart for two in itertools.combinations(group.teams, 2))
+        assert not any(frozenset(two) in clear for two in itertools.combinations(group.teams, 2))
     for p in found.pairs:
         assert p.low <= p.high
         assert p.joint_low <= p.ahead <= p.joint_high
@@ -403,13 +403,21 @@ def test_count_back_separates_equal_sums_in_every_draw() -> None:
     assert counted["B"][0] <= plain_chances["B"][0]
 
 
+@pytest.mark.parametrize(("highest", "first"), [(True, "A"), (False, "B")])
+def test_the_marks_of_judges_separate_equal_teams_in_every_draw(highest: bool, first: str) -> None:
+    scores = {"A": [[3], [3]], "B": [[3], [3]]}
+    found = statistics(scores, {"A": 4.0, "B": 2.0}, ties=(Key("judges", highest=highest),))
+
+    assert chances(found)[first] == (1.0, 0.0)
+
+
 # Coverage ----------------------------------------------------------------------------------
 
 
 def simulated(
     seed: int, rounds: int, trials: int, runs: int, spread: tuple[float, float], resample: str
 ) -> tuple[float, float, float]:
-    """How often intervals hold, alone and together, and how often two teams are wrongly told apart.
+    """How often intervals hold, alone and together, and how often two teams are wrongly distinguished.
 
     Four teams, two and two of equal ability; the truth is the mean over competitions that
     might have been held. `spread`: between trials of a team, between its runs.

@@ -64,7 +64,7 @@ class Watched:
 
     @property
     def elsewhere(self) -> list[str]:
-        """What it asked for besides files that lie here and what it holds itself."""
+        """What it requested besides files that lie here and what it holds itself."""
         return [url for url in self.requests if not url.startswith(("file:", "data:"))]
 
 

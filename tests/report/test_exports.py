@@ -77,7 +77,7 @@ def lacking(topic: str, verdict: Verdict) -> Result:
 
 
 @pytest.mark.parametrize("name", ["junit", "sarif", "github", "markdown"])
-def test_what_the_log_lacks_is_said_where_something_is_undecided(name: str) -> None:
+def test_what_the_log_lacks_is_listed_where_something_is_undecided(name: str) -> None:
     text = exported(lacking("topic human", Verdict.INCONCLUSIVE), name).replace("\\:", ":")
 
     assert text.count("not recorded: topic human") == 1
@@ -133,11 +133,11 @@ def test_junit_tells_when_by_how_much_and_on_what_evidence() -> None:
         for case in parsed(exported(near_miss(), "junit")).iter("testcase")
         if case.get("name") == "separation#1 robot/human"
     ]
-    told = case.findtext("failure") or ""
+    failure = case.findtext("failure") or ""
 
-    assert "when: 18.810 s to 21.210 s" in told
-    assert "margin: -0.956 m" in told  # 4.50249528 - 5.45849528301
-    assert "centre_distance/robot/human = 4.50249528 m at 20.000 s" in told
+    assert "when: 18.810 s to 21.210 s" in failure
+    assert "margin: -0.956 m" in failure  # 4.50249528 - 5.45849528301
+    assert "centre_distance/robot/human = 4.50249528 m at 20.000 s" in failure
 
 
 def test_what_does_not_apply_is_skipped() -> None:

@@ -69,7 +69,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def ranking(site: Path, tmp_path: Path) -> Path:
-    """A copy of the ranking beside its results, to be edited."""
+    """A copy of the ranking in the folder of its results, to be edited."""
     shutil.copytree(site / "results", tmp_path / "results")
     (tmp_path / "data").mkdir()
     return Path(shutil.copy(site / "data/ranking.json", tmp_path / "data/ranking.json"))
@@ -348,14 +348,14 @@ def test_a_folder_with_something_else_in_it_is_left_alone(
 @pytest.mark.parametrize(
     ("arguments", "cause"),
     [
-        ([], "a competition is a folder of pages"),
-        (["-o", "OUT", "--sensitivity", "now"], "no runs to vary anything in"),
-        (["-o", "OUT", "--rules", "paper2020"], "has its rules and decisions"),
+        ([], "the site of a competition needs a folder"),
+        (["-o", "OUT", "--sensitivity", "now"], "no runs to vary parameters of"),
+        (["-o", "OUT", "--rules", "paper2020"], "--rules does not apply to a stored ranking"),
         (["-o", "OUT", "--results", "nowhere"], "the results of this ranking are not here"),
         (["-o", "OUT", "--previous", "nowhere.json"], "cannot be read"),
     ],
 )
-def test_what_cannot_be_done_is_said(
+def test_what_cannot_be_done_is_refused(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], cause: str
 ) -> None:
     given = [str(tmp_path / "out") if a == "OUT" else a for a in arguments]
@@ -420,7 +420,7 @@ def test_teams_all_tied_share_the_first_rank(tmp_path: Path) -> None:
     assert "= shared rank" in text
 
 
-def test_all_disqualified_is_said_first(tmp_path: Path) -> None:
+def test_all_disqualified_is_shown_first(tmp_path: Path) -> None:
     folder = competition(tmp_path / "c", "teams: [{id: aurora, disqualified: 'a <b>second</b> robot'}]\n")
     shutil.copytree(EXAMPLE / "logs/aurora/kitting_1", folder / "logs/aurora/kitting_1")
 
@@ -495,7 +495,7 @@ def test_numbers_of_a_table_stay_numbers() -> None:
 
 
 def calm_competition(folder: Path, *, bodies_witnessed: bool) -> Path:
-    """Two teams, two runs each, and nobody in the cell in any; alpha does all it is asked for, beta half."""
+    """Two teams, two runs each, and nobody in the cell in any; alpha fills all orders, beta half."""
     from ariac_score.testing import kitting_trial, write_trial_log  # noqa: PLC0415  # only here
 
     for team in ("alpha", "beta"):
@@ -553,9 +553,9 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert not {standard for standard, _ in tallied} & {"ISO/TS 15066:2016", "ARIAC 2022 scoring"}
 
     page = (site / "trials/alpha/cell-1.html").read_text(encoding="utf-8")
-    told = seen(page)
-    assert "28 points of 36 possible" in told
-    assert "2 not applicable" in told
+    text = seen(page)
+    assert "28 points of 36 possible" in text
+    assert "2 not applicable" in text
     part = seen(page[page.index('id="separation"') : page.index('id="plan"')])
     assert "No distance between a robot and a human was recorded or could be derived" in part
     assert "<figure" not in page[page.index('id="separation"') : page.index('id="plan"')]
@@ -607,7 +607,7 @@ def test_sensitivity_can_be_found_out_on_the_spot(small: Path, tmp_path: Path) -
     assert {row["parameter"] for row in rows} == {"cost_weight", "time_weight"}
 
 
-def test_decisions_of_stewards_stand_beside_what_was_automatic(small: Path, tmp_path: Path) -> None:
+def test_decisions_of_stewards_are_shown_with_what_was_automatic(small: Path, tmp_path: Path) -> None:
     assert main(["report", str(small), "-o", str(tmp_path / "before")]) == 0
     board = json.loads((tmp_path / "before/data/leaderboard.json").read_text(encoding="utf-8"))["rows"]
     last = board[-1]["team"]

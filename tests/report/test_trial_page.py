@@ -344,9 +344,9 @@ def test_the_steps_of_the_example_are_those_of_its_ledger(example: Result) -> No
 
     falls = waterfall_of(example.ledger, example.measured.findings)
 
-    told = [(step.label, step.where.partition("/")[0], step.amount) for step in falls.steps]
-    assert told[0] == ("points(part_type)", "order_0", Decimal(3))
-    assert told[-2:] == [
+    steps = [(step.label, step.where.partition("/")[0], step.amount) for step in falls.steps]
+    assert steps[0] == ("points(part_type)", "order_0", Decimal(3))
+    assert steps[-2:] == [
         ("times weight = 3", "order_1", Decimal(14)),
         ("divided by 1 + demerits = 1.41688", "", Decimal("-8.238323")),
     ]
@@ -489,29 +489,29 @@ def _words(result: Result) -> str:
     return timeline.orders[0].blocks[0].title
 
 
-def test_what_an_official_record_says_of_submissions_is_said_as_its_word(example: Result) -> None:
+def test_submissions_of_an_official_record_are_shown_as_its_statement(example: Result) -> None:
     assert _words(example).endswith("last submission at 14.00\u202fs")
     measured = replace(example.measured, sketch=Sketch())
 
-    def with_record(said: OfficialOrder) -> Result:
-        official = OfficialResult("trial_log.txt", 1.0, None, summaries=(said,))
+    def with_record(summary: OfficialOrder) -> Result:
+        official = OfficialResult("trial_log.txt", 1.0, None, summaries=(summary,))
         return replace(example, measured=replace(measured, official=official))
 
-    told = with_record(OfficialOrder("order_0", submitted=True, submitted_s=12.5))
-    assert _words(told).endswith("submitted at 12.50\u202fs by the official record")
+    result = with_record(OfficialOrder("order_0", submitted=True, submitted_s=12.5))
+    assert _words(result).endswith("submitted at 12.50\u202fs by the official record")
     assert _words(with_record(OfficialOrder("order_0", submitted=False))).endswith(
         "not submitted by the official record"
     )
     assert _words(with_record(OfficialOrder("order_7"))).endswith("never submitted")
 
 
-def test_of_a_log_that_shows_no_submissions_it_is_not_said_that_there_were_none(example: Result) -> None:
+def test_a_log_that_cannot_show_submissions_does_not_claim_that_there_were_none(example: Result) -> None:
     measured = replace(example.measured, sketch=Sketch(), witnessed=())
 
     assert _words(replace(example, measured=measured)).endswith("no submission is recorded")
 
 
-def test_findings_that_say_the_same_are_told_together() -> None:
+def test_findings_with_the_same_message_are_shown_together() -> None:
     found = (
         ("a#1", Finding.satisfied("order_0", "fine")),
         ("b#1", Finding.inconclusive("order_0", "not recorded")),
@@ -521,9 +521,9 @@ def test_findings_that_say_the_same_are_told_together() -> None:
         ("f#1", Finding.from_limits("order_0", Limit("distance", 0.1, "m", at_most=0.2))),
     )
 
-    told = [(verdict.value, words, [key for key, _ in alike]) for verdict, words, alike in grouped(found)]
+    groups = [(verdict.value, words, [key for key, _ in alike]) for verdict, words, alike in grouped(found)]
 
-    assert told == [
+    assert groups == [
         ("violated", "wrong", ["c#1"]),
         ("inconclusive", "not recorded", ["b#1", "d#1"]),
         ("satisfied", "distance 0.1 m (at most 0.2)", ["f#1"]),

@@ -1,4 +1,4 @@
-"""Text and numbers on a page: hostile text stays text, file names stay apart, numbers line up."""
+"""Text and numbers on a page: hostile text stays text, file names differ, numbers line up."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_names_that_windows_keeps_for_itself_are_not_used(name: str) -> None:
 
 
 @given(st.text())
-def test_told_text_holds_no_tag_and_steers_no_direction(text: str) -> None:
+def test_untrusted_text_holds_no_tag_and_steers_no_direction(text: str) -> None:
     shown = str(untrusted(text))
 
     inside = shown.removeprefix("<bdi>").removesuffix("</bdi>")

@@ -342,7 +342,7 @@ def test_decisions_about_other_results_are_passed_over_and_counted(
     assert main(["adjust", str(EXAMPLE), str(file)]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("17.761677 as adjusted by the stewards\n")
-    assert "1 adjustments of the file are about other results" in err
+    assert "1 adjustment of the file is about other results" in err
 
 
 # A result that was edited afterwards ----------------------------------------------------
@@ -436,7 +436,7 @@ def test_other_prices_do_not_carry_decisions_over_and_say_so(
     assert main(["price", str(tmp_path / "r.json"), "--rules", "paper2020"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("19.761677 of 36 possible")
-    assert "not carried over" in err
+    assert "do not carry over to other prices" in err
 
 
 def test_sensitivity_says_that_it_is_about_the_automatic_score(

@@ -115,6 +115,51 @@ def test_a_number_that_is_none_is_never_written_as_null(number: float) -> None:
         as_text({"a": [None, {"b": number}]})
 
 
+@pytest.mark.parametrize(
+    ("number", "cause"),
+    [
+        (2**64, r"\$\.measured\.coverage\[0\]\.samples: an integer of more than 64 bits"),
+        (2**70, r"\$\.measured\.coverage\[0\]\.samples: an integer of more than 64 bits"),
+        (-1, r"\$\.measured\.coverage\[0\]\.samples: expected 'int' >= 0"),
+    ],
+)
+def test_a_count_that_is_none_is_refused_with_its_place(
+    result: Result, number: int, cause: str, tmp_path: Path
+) -> None:
+    stored = json.loads(as_json(result))
+    stored["measured"]["coverage"][0]["samples"] = number
+    (tmp_path / "r.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=cause):
+        load_result(tmp_path / "r.json")
+
+
+def test_the_largest_count_is_read_and_written_again(result: Result, tmp_path: Path) -> None:
+    stored = json.loads(as_json(result))
+    stored["measured"]["coverage"][0]["samples"] = 2**64 - 1
+    (tmp_path / "r.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    assert f"{2**64 - 1}" in as_json(load_result(tmp_path / "r.json"))
+
+
+def test_a_defect_counted_below_0_is_refused(result: Result, tmp_path: Path) -> None:
+    stored = json.loads(as_json(result))
+    stored["measured"]["log_defects"] = [{"kind": "x", "where": "y", "count": -1, "message": "z"}]
+    (tmp_path / "r.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=r"log_defects\[0\]: defect 'x' of 'y' has a count of -1"):
+        load_result(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize("names", [("a\\udcff", "a\udcff"), ("a\udcff", "a\\udcff")])
+def test_of_two_keys_that_would_be_written_alike_both_are_kept(names: tuple[str, str]) -> None:
+    values = {"a\\udcff": 1, "a\udcff": 2}
+
+    text = as_text({name: values[name] for name in names})
+
+    assert json.loads(text) == {"a\\udcff": 1, "a\\udcff'": 2}
+
+
 def test_what_only_looks_like_a_number_that_is_none_is_written() -> None:
     # In MessagePack this whole number has the bytes with which an infinite number begins: CB 7F F0.
     looks_so = {"a": 0xCB7FF0, "b": 1.7976931348623157e308, "c": [-5e-324]}

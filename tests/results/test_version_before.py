@@ -75,10 +75,10 @@ def test_decisions_of_stewards_stay_those_of_their_result() -> None:
     [
         ("result.json", '"score": 6.25', '"score": 6.5', "the ledger adds up to 6.250000000"),
         ("result.json", '"witnessed"', '"witness"', "unknown key 'witness'"),
-        ("result.json", '"span_s"', '"span"', "ariac-score/result/1 at 'span_s'"),
+        ("result.json", '"span_s"', '"span"', "official_total#1: unknown key 'span'"),
         ("result.json", '"clock"', '"colour": 1, "clock"', "unknown key 'colour'"),
         ("adjusted.json", '"points": 2.5', '"points": 3.5', "does not follow from its adjustments"),
-        ("adjusted.json", '"target"', '"at"', "ariac-score/result/1 at 'target'"),
+        ("adjusted.json", '"target"', '"at"', r"adjustments\[0\]: unknown key 'at'"),
     ],
 )
 def test_an_edited_one_is_refused(name: str, before: str, now: str, cause: str, tmp_path: Path) -> None:
@@ -88,6 +88,45 @@ def test_an_edited_one_is_refused(name: str, before: str, now: str, cause: str, 
 
     with pytest.raises(ResultError, match=cause):
         load_result(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("steps", "value", "cause"),
+    [
+        (("rounding", "score_decimals"), "9", r"\$\.rounding\.score_decimals: expected 'int', got 'str'"),
+        (("rounding", "score_decimals"), -1, r"\$\.rounding\.score_decimals: expected 'int' >= 0"),
+        (("rounding", "mode"), "up", r"\$\.rounding: unknown key 'mode'"),
+        (("digits",), 3, r"\$: unknown key 'digits'"),
+        (("measured",), [], r"\$\.measured: expected 'object', got 'array'"),
+        (("measured", "sketch"), None, r"\$\.measured: unknown key 'sketch'"),
+        (("measured", "settings"), None, r"\$\.measured: unknown key 'settings'"),
+        (("measured", "window"), None, r"\$\.measured: unknown key 'window'"),
+        (("measured", "window_s"), [1, 2, 3], r"\$\.measured\.window_s: expected 'array' of length 2"),
+        (("measured", "coverage"), [1], r"\$\.measured\.coverage\[0\]: expected 'object', got 'int'"),
+        (("measured", "findings", "order_score#1", "span"), None, r"order_score#1: unknown key 'span'"),
+        (("measured", "findings", "order_score#1", "units"), {}, r"order_score#1: unknown key 'units'"),
+        (("measured", "findings", "order_score#1", "quantities"), [], r"quantities: expected 'object'"),
+        (("ledger", "children"), 1, r"\$\.ledger\.children: expected 'array', got 'int'"),
+        (("score",), 1e300, "breaks the format ariac-score/result/1"),
+        (("adjusted", "adjustments", 0, "target", "id"), "x", r"target: unknown key 'id'"),
+        (("adjusted", "adjustments", 0, "effect", "reason"), "x", r"effect: unknown key 'reason'"),
+        (("adjusted", "adjustments", 0, "points"), 9, r"adjustments\[0\]: unknown key 'points'"),
+        (("adjusted", "adjustments", 0, "target"), "x", r"target: expected 'object', got 'str'"),
+    ],
+)
+def test_an_edited_one_is_refused_with_the_place_and_no_words_of_the_language_it_is_read_in(
+    steps: tuple[str | int, ...], value: object, cause: str, tmp_path: Path
+) -> None:
+    stored = json.loads((BEFORE / "adjusted.json").read_text(encoding="utf-8"))
+    inner = stored
+    for step in steps[:-1]:
+        inner = inner[step]
+    inner[steps[-1]] = value
+    (tmp_path / "r.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=cause) as refused:
+        load_result(tmp_path / "r.json")
+    assert refused.value.place.startswith("$")
 
 
 def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) -> None:
@@ -159,6 +198,8 @@ def test_each_published_decision_is_linked_to_the_run_it_changed() -> None:
         ({"leaderboard": [{"team": "beta"}]}, "breaks the format ariac-score/ranking/2 at 'score'"),
         ({"trials": []}, "expected 'object', got 'array'"),
         ({"stop": []}, "unknown key 'stop'"),
+        ({"leaderboard": [{"team": "beta", "score": "9"}]}, r"leaderboard\[0\]\.score: expected 'float'"),
+        ({"leaderboard": 5}, r"\$\.strict\.leaderboard: expected 'array', got 'int'"),
     ],
 )
 def test_a_damaged_ranking_of_the_organisers_is_refused(

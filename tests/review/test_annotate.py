@@ -280,7 +280,7 @@ def test_every_monitor_has_a_margin_at_every_sample_or_is_named(
     assert set(states) == set(monitors)
     bare = {"stops", "collisions", "pose", "coverage", "no_arm_collision"}
     assert notice == (
-        "notice: no margin at every sample, only where findings begin and end: "
+        "notice: these monitors have a margin only where findings begin and end: "
         f"{', '.join(name for name in rules.checks if name in bare)}\n"
     )
     told = {m.message.name for m in on(LOG, messages) if m.message.function == "margins"}

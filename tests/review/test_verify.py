@@ -15,7 +15,7 @@ from ariac_score import as_json, load_result, score_trial
 from ariac_score.cli import main
 from ariac_score.errors import NothingToScoreError, ResultError
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.review.verify import Verification, verify_result
+from ariac_score.review.verify import Verification, _is_record, verify_result
 from ariac_score.testing.stored import rewritten
 
 ROOT = Path(__file__).parents[2]
@@ -414,3 +414,20 @@ def test_a_folder_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str
     said = capsys.readouterr().err
     assert "it is a folder, not a result" in said
     assert "name the JSON file" in said
+
+
+@pytest.mark.parametrize(
+    ("place", "record"),
+    [
+        (("provenance", "code", 0, "sha256"), True),
+        (("measured", "findings", "near#1", "units", "depth_m"), True),
+        (("measured", "findings", "near#1", "quantities", "units_kept"), False),
+        (("measured", "findings", "near#1", "quantities", "a.units"), False),
+        (("measured", "settings", "near"), False),  # the example keeps its settings
+        (("score",), False),
+    ],
+)
+def test_only_provenance_and_declared_units_may_differ_with_the_same_findings(
+    stored: Path, place: tuple[str | int, ...], record: bool
+) -> None:
+    assert _is_record(place, load_result(stored)) is record

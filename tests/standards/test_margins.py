@@ -120,7 +120,7 @@ def margins(monitor: Any, trial: Trial, subject: str, what: str = "") -> dict[fl
 # Who tells -----------------------------------------------------------------------------
 
 
-def test_every_shipped_monitor_that_judges_samples_tells_its_margin() -> None:
+def test_every_shipped_monitor_that_judges_samples_has_margins() -> None:
     registry = Registry()
     tell = {
         name
@@ -264,7 +264,7 @@ def test_the_margin_of_a_specification_is_that_of_its_inequality() -> None:
     assert list(found.values()) == pytest.approx([1.5, 0.0, -0.1, 0.4])
 
 
-def test_after_the_first_rejection_nothing_is_judged_any_more_where_so_asked() -> None:
+def test_with_the_policy_once_nothing_is_judged_after_the_first_rejection() -> None:
     distance = np.array([2.0, 0.4, 0.9])
     once = replace(MARGINED["rml.spec"], after_violation="once")
 
@@ -348,46 +348,52 @@ def test_the_least_margin_of_a_finding_is_its_robustness(
             assert law_holds(finding, charts), finding
 
 
-@each_margined
-def test_violations_and_kept_limits_are_both_met(name: str) -> None:
+def test_violations_and_kept_limits_are_both_met(subtests: pytest.Subtests) -> None:
     """The law above is about something: each monitor violates, with a negative margin, in some trial."""
-    monitor = MARGINED[name]
-    worst = [
-        f.robustness
-        for seed in range(12)
-        for f in monitor.watch(wild_trial(seed, hole=False, step=0.3))
-        if f.verdict is Verdict.VIOLATED and f.robustness is not None
-    ]
+    for name in MARGINED:
+        with subtests.test(name=name):
+            monitor = MARGINED[name]
+            worst = [
+                f.robustness
+                for seed in range(12)
+                for f in monitor.watch(wild_trial(seed, hole=False, step=0.3))
+                if f.verdict is Verdict.VIOLATED and f.robustness is not None
+            ]
 
-    assert worst
-    assert max(worst) < 0
-
-
-@each_margined
-def test_stamps_are_those_of_samples(name: str) -> None:
-    monitor = MARGINED[name]
-    trial = wild_trial(7, hole=True, step=0.3)
-    times = {t for s in trial.signals.values() for t in s.t.tolist()}
-
-    for chart in monitor.margins(trial):
-        assert set(chart.t.tolist()) <= times
+            assert worst
+            assert max(worst) < 0
 
 
-@each_margined
-def test_it_is_margined_and_keeps_the_contract(name: str) -> None:
-    monitor = MARGINED[name]
-    assert isinstance(monitor, Margined)
-    (check,) = [c for c in contract_checks(monitor, made_trial()) if c.name == "margins"]
-    check()
-    (check,) = [
-        c for c in contract_checks(monitor, wild_trial(3, hole=False, step=0.3)) if c.name == "margins"
-    ]
-    check()
+def test_stamps_are_those_of_samples(subtests: pytest.Subtests) -> None:
+    for name in MARGINED:
+        with subtests.test(name=name):
+            monitor = MARGINED[name]
+            trial = wild_trial(7, hole=True, step=0.3)
+            times = {t for s in trial.signals.values() for t in s.t.tolist()}
+
+            for chart in monitor.margins(trial):
+                assert set(chart.t.tolist()) <= times
 
 
-@each_margined
-def test_an_empty_log_has_no_margins(name: str) -> None:
-    assert list(MARGINED[name].margins(Trial("t", recorded=Span(0.0, 1.0)))) == []
+def test_it_is_margined_and_keeps_the_contract(subtests: pytest.Subtests) -> None:
+    for name in MARGINED:
+        with subtests.test(name=name):
+            monitor = MARGINED[name]
+            assert isinstance(monitor, Margined)
+            (check,) = [c for c in contract_checks(monitor, made_trial()) if c.name == "margins"]
+            check()
+            (check,) = [
+                c
+                for c in contract_checks(monitor, wild_trial(3, hole=False, step=0.3))
+                if c.name == "margins"
+            ]
+            check()
+
+
+def test_an_empty_log_has_no_margins(subtests: pytest.Subtests) -> None:
+    for name in MARGINED:
+        with subtests.test(name=name):
+            assert list(MARGINED[name].margins(Trial("t", recorded=Span(0.0, 1.0)))) == []
 
 
 # Monitors that tell something else -------------------------------------------------------
@@ -401,7 +407,7 @@ class Telling:
     late_s: float = 0.0
     unit: str = "m/s"
     forgets: bool = False
-    asked: Any = ()
+    calls: Any = ()
 
     def needs(self) -> Iterable[SignalNeed]:
         return [SignalNeed("speed", "m/s", 0.05)]
@@ -423,8 +429,8 @@ class Telling:
         signal = trial.signal("speed/robot", unit="m/s")
         off = self.off_m_s
         if self.forgets:
-            self.asked.append(1)
-            off = len(self.asked) * 0.0 if len(self.asked) < 2 else 1.0
+            self.calls.append(1)
+            off = len(self.calls) * 0.0 if len(self.calls) < 2 else 1.0
         limit = np.full(len(signal.t), 1.0 + off)
         yield Chart("robot", "speed", self.unit, signal.t + self.late_s, signal.values, limit, at_most=True)
 
@@ -434,20 +440,18 @@ def margin_check(monitor: Any) -> Any:
     return check
 
 
-def test_a_monitor_that_tells_what_it_found_keeps_the_contract() -> None:
+def test_a_monitor_whose_margins_fit_its_findings_keeps_the_contract() -> None:
     margin_check(Telling())()
 
 
-@pytest.mark.parametrize(
-    ("monitor", "words"),
-    [
+def test_a_monitor_whose_margins_do_not_fit_is_refused(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[Any, str]] = [
         (Telling(off_m_s=0.001), "but the least margin it tells there is"),
         (Telling(off_m_s=-0.001), "but the least margin it tells there is"),
         (Telling(unit="m"), "but the least margin it tells there is None m"),
         (Telling(late_s=0.003), "where there is no sample"),
-        (Telling(forgets=True, asked=[]), "tells other margins when asked again"),
-    ],
-)
-def test_a_monitor_that_tells_something_else_is_refused(monitor: Any, words: str) -> None:
-    with pytest.raises(ContractError, match=words):
-        margin_check(monitor)()
+        (Telling(forgets=True, calls=[]), "tells other margins when asked again"),
+    ]
+    for monitor, words in cases:
+        with subtests.test(words=words), pytest.raises(ContractError, match=words):
+            margin_check(monitor)()

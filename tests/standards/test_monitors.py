@@ -75,7 +75,7 @@ from ariac_score_standards.iso_13855 import minimum_distance
 from ariac_score_standards.proxemics import time_to_collision_s, zone_of, zone_shares
 from ariac_score_standards.signal_coverage import tracks_of
 from ariac_score_standards.ssm_formula import approach_of
-from ariac_score_standards.ways import travelled_m
+from ariac_score_standards.travel import travelled_m
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
@@ -106,7 +106,6 @@ MONITORS: Mapping[str, Any] = {
     "formula.within": Within(trigger="v > 1", response="v < 1", signals={"v": "speed/{robot}"}),
     "log.signal_coverage": SignalCoverage(),
 }
-each_monitor = pytest.mark.parametrize("name", MONITORS)
 
 
 def above(value: float) -> float:
@@ -179,7 +178,7 @@ def required(robot: float) -> float:
     return float(SsmSeparation(profile="standard").d_min_m(np.array([1.6]), np.array([robot]))[0])
 
 
-def test_the_standard_profile_asks_for_what_the_published_example_says() -> None:
+def test_the_standard_profile_requires_what_the_published_example_gives() -> None:
     assert required(1.0) == pytest.approx(1.24)
     assert required(0.0) == pytest.approx(0.99)
 
@@ -242,9 +241,8 @@ def test_the_tolerance_of_the_response(speed: float, broken: bool) -> None:
     assert violated(SsmResponse(), trial_of(columns)) is broken
 
 
-@pytest.mark.parametrize(
-    ("region", "force", "seconds", "broken"),
-    [
+def test_the_limits_of_contact(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, float, float, bool]] = [
         ("hand", 280.0, 0.2, False),
         ("hand", above(280.0), 0.2, True),
         ("hand", 140.0, 2.0, False),
@@ -253,15 +251,17 @@ def test_the_tolerance_of_the_response(speed: float, broken: bool) -> None:
         ("lower leg", 131.0, 2.0, True),
         ("pelvis", 180.0, 2.0, False),
         ("pelvis", 181.0, 2.0, True),
-    ],
-)
-def test_the_limits_of_contact(region: str, force: float, seconds: float, broken: bool) -> None:
-    t = np.arange(401) / 100
-    trial = trial_of({"contact_force/r/h": ("N", np.where((t >= 1) & (t < 1 + seconds), force, 0.0))}, t=t)
+    ]
+    for region, force, seconds, broken in cases:
+        with subtests.test(region=region, force=force, seconds=seconds):
+            t = np.arange(401) / 100
+            trial = trial_of(
+                {"contact_force/r/h": ("N", np.where((t >= 1) & (t < 1 + seconds), force, 0.0))}, t=t
+            )
 
-    finding = only(PflContact(region=region), trial)
+            finding = only(PflContact(region=region), trial)
 
-    assert (finding.verdict, finding.critical) == (VIOLATED if broken else SATISFIED, broken)
+            assert (finding.verdict, finding.critical) == (VIOLATED if broken else SATISFIED, broken)
 
 
 @pytest.mark.parametrize(("force", "touched"), [(5.0, False), (above(5.0), True)])
@@ -324,15 +324,17 @@ def test_drift_while_standing_still(drift: float, broken: bool) -> None:
     assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t)) is broken
 
 
-@pytest.mark.parametrize(("x", "inside"), [(4.0, True), (above(4.0), False), (0.0, True), (-1e-9, False)])
-def test_the_edge_of_a_workspace_belongs_to_it(x: float, inside: bool) -> None:
-    columns = {"position/h": ("m", [x, 1.0, 0.0]), "speed/r": ("m/s", 1.0)}
+def test_the_edge_of_a_workspace_belongs_to_it(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool]] = [(4.0, True), (above(4.0), False), (0.0, True), (-1e-9, False)]
+    for x, inside in cases:
+        with subtests.test(x=x, inside=inside):
+            columns = {"position/h": ("m", [x, 1.0, 0.0]), "speed/r": ("m/s", 1.0)}
 
-    assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is inside
+            assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is inside
 
 
 def stopping(brake_s: float, *, kind: str = "protective_stop", power: Any = None) -> Trial:
-    """At 1 m/s, asked to stop at 1.0 s, rests at 1.0 s + brake_s."""
+    """At 1 m/s, ordered to stop at 1.0 s, rests at 1.0 s + brake_s."""
     t = np.arange(501) / 100
     speed = np.clip(1.0 - (t - 1.0) / brake_s, 0.0, 1.0)
     columns = {"speed/r": ("m/s", speed)}
@@ -355,20 +357,40 @@ def test_the_way_of_a_stop(limit_m: float, broken: bool) -> None:
     assert violated(StopPerformance(max_distance_m=limit_m), stopping(0.5)) is broken
 
 
-@pytest.mark.parametrize(
-    ("power_off_s", "kind", "category", "broken"),
-    [
+def test_the_category_of_a_stop(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, str, str, bool]] = [
         (1.2, "emergency_stop", "0", False),
         (2.0, "emergency_stop", "1", False),
         (9.0, "emergency_stop", "2", True),
         (9.0, "protective_stop", "2", False),
-    ],
-)
-def test_the_category_of_a_stop(power_off_s: float, kind: str, category: str, broken: bool) -> None:
-    finding = only(StopPerformance(), stopping(0.4, kind=kind, power=power_off_s))
+    ]
+    for power_off_s, kind, category, broken in cases:
+        with subtests.test(power_off_s=power_off_s, kind=kind, category=category):
+            finding = only(StopPerformance(), stopping(0.4, kind=kind, power=power_off_s))
 
-    assert finding.labels["category"] == category
-    assert (finding.verdict is VIOLATED) is broken
+            assert finding.labels["category"] == category
+            assert (finding.verdict is VIOLATED) is broken
+
+
+def test_a_stop_that_is_violated_by_its_way_or_its_power_has_no_margin_of_time() -> None:
+    # From 1 m/s to 0 in 0.5 s: 0.25 m, in time for the default limit of 0.5 s.
+    (too_far,) = StopPerformance(max_distance_m=0.2).watch(stopping(0.5))
+    (powered,) = StopPerformance().watch(stopping(0.5, kind="emergency_stop", power=9.0))
+    (too_late,) = StopPerformance(max_time_s=0.4, max_distance_m=0.2).watch(stopping(0.5))
+
+    assert too_far.verdict is powered.verdict is too_late.verdict is VIOLATED
+    assert (too_far.robustness, too_far.unit) == (pytest.approx(0.2 - 0.25, abs=1e-3), "m")
+    assert (powered.robustness, powered.unit) == (None, "")
+    assert too_late.robustness == pytest.approx(0.4 - 0.5 + 0.005, abs=1e-3)  # 0.01 m/s 0.005 s before rest
+    assert too_late.unit == "s"
+
+
+def test_the_margin_of_a_stop_is_that_of_the_limit_it_breaks() -> None:
+    in_time = only(StopPerformance(max_distance_m=0.2), stopping(0.5))  # 0.25 m, as above
+    powered = only(StopPerformance(), stopping(0.4, kind="emergency_stop", power=9.0))
+
+    assert (in_time.verdict, in_time.robustness, in_time.unit) == (VIOLATED, pytest.approx(-0.05), "m")
+    assert (powered.verdict, powered.robustness, powered.unit) == (VIOLATED, None, "")
 
 
 @pytest.mark.parametrize(("off", "standstill", "category"), [(below(1.0), 1.0, 0), (1.0, 1.0, 1)])
@@ -387,6 +409,43 @@ def test_a_machine_that_never_stops() -> None:
     assert "no stop" in finding.message
 
 
+def test_a_violation_too_short_to_count_is_not_worded_as_a_limit_that_is_kept() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", np.where(t == 0.8, 9.0, 0.0))})
+
+    brief = only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.03), trial)
+
+    assert (brief.verdict, brief.robustness) == (SATISFIED, pytest.approx(0.01 - 9.0))
+    assert brief.message == (
+        "speed in the workspace never beyond its limit for 0.03 s; "
+        "at worst 9.000 m/s (at most 0.010), at 0.800 s"
+    )
+    assert only(MonitoredStandstill(workspace=SQUARE, t_on_s=0.0), trial).verdict is VIOLATED
+
+
+def test_a_brief_approach_is_not_worded_as_distance_to_spare() -> None:
+    t = np.arange(101) / 100
+    distance = Signal("separation/r/h", "m", t, np.where(t == 0.5, 0.0, 5.0))
+    trial = replace(separated(5.0), signals={**separated(5.0).signals, distance.name: distance})
+
+    brief = only(SsmSeparation(profile="standard", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == (
+        f"never too close for 0.5 s; at worst {required(0.5):.3f} m nearer than required, at 0.500 s"
+    )
+
+
+def test_a_brief_breach_of_a_formula_is_not_worded_as_one_that_holds() -> None:
+    t = np.arange(101) / 100
+    trial = trial_of({"speed/r": ("m/s", np.where(t == 0.5, 3.0, 0.0))})
+
+    brief = only(Always(holds="v < 1", signals={"v": "speed/{robot}"}, unit="m/s", t_on_s=0.5), trial)
+
+    assert brief.verdict is SATISFIED
+    assert brief.message == "'v < 1' never broken for 0.5 s; at worst by 2.000 m/s, at 0.500 s"
+
+
 @pytest.mark.parametrize(("speed", "broken"), [(0.01, False), (above(0.01), True)])
 def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
     t = np.arange(501) / 100
@@ -397,18 +456,51 @@ def test_motion_after_an_emergency_stop(speed: float, broken: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("held", "speed", "broken"),
-    [(1, 0.25, False), (1, above(0.25), True), (0, 0.01, False), (0, above(0.01), True)],
-)
-def test_hand_guiding(held: int, speed: float, broken: bool) -> None:
-    trial = trial_of({"enabling_device/r": ("1", held), "speed/r": ("m/s", speed)})
-
-    assert violated(HandGuiding(), trial) is broken
-
-
-@pytest.mark.parametrize(
-    ("edition", "arrangement", "numbers", "total_mm"),
+    ("stop_s", "rests_s", "verdict"),
     [
+        (4.5, 9.0, INCONCLUSIVE),  # rest is due after 1 s, and the log ends after 0.5 s
+        (5.0, 9.0, INCONCLUSIVE),
+        (7.0, 9.0, INCONCLUSIVE),
+        (5.0, 0.0, INCONCLUSIVE),  # at rest is only who rests for 0.1 s
+        (4.0, 9.0, VIOLATED),
+        (4.5, 4.8, SATISFIED),
+    ],
+)
+def test_a_stop_near_the_end_of_the_log_is_open_unless_coming_to_rest_is_seen(
+    stop_s: float, rests_s: float, verdict: Verdict
+) -> None:
+    t = np.arange(501) / 100
+    events = [Event(stop_s, "emergency_stop")]
+    recorded = ("emergency_stop", "emergency_stop_reset", "start")
+    speed = np.where(t < rests_s, 0.5, 0.0)
+    trial = trial_of({"speed/r": ("m/s", speed)}, t=t, events=events, witnessed=recorded)
+
+    assert only(EstopRestart(), trial).verdict is verdict
+
+
+def test_a_machine_that_starts_again_before_rest_is_due_breaks_nothing() -> None:
+    t = np.arange(501) / 100
+    events = [Event(4.5, "emergency_stop"), Event(4.6, "emergency_stop_reset"), Event(4.7, "start")]
+
+    assert only(EstopRestart(), trial_of({"speed/r": ("m/s", 0.5)}, t=t, events=events)).verdict is SATISFIED
+
+
+def test_hand_guiding(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[int, float, bool]] = [
+        (1, 0.25, False),
+        (1, above(0.25), True),
+        (0, 0.01, False),
+        (0, above(0.01), True),
+    ]
+    for held, speed, broken in cases:
+        with subtests.test(held=held, speed=speed, broken=broken):
+            trial = trial_of({"enabling_device/r": ("1", held), "speed/r": ("m/s", speed)})
+
+            assert violated(HandGuiding(), trial) is broken
+
+
+def test_the_distance_of_a_safeguard(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[Any, Any, Any, float]] = [
         ("2010", "orthogonal", {"stopping_time_s": 0.2, "resolution_m": 0.0265}, 500.0),  # 400 + 100
         ("2010", "orthogonal", {"stopping_time_s": 0.25, "resolution_m": 0.0265}, 500.0),  # 400 + 100 again
         ("2010", "orthogonal", {"stopping_time_s": 0.26, "resolution_m": 0.0265}, 516.0),  # 416 + 100
@@ -427,10 +519,10 @@ def test_hand_guiding(held: int, speed: float, broken: bool) -> None:
         ("2010", "two_hand", {"stopping_time_s": 0.5, "covered": True}, 800.0),
         ("2024", "two_hand", {"stopping_time_s": 0.5}, 1350.0),
         ("2010", "interlocked_guard", {"stopping_time_s": 0.5, "reach_m": 0.12}, 920.0),
-    ],
-)
-def test_the_distance_of_a_safeguard(edition: Any, arrangement: Any, numbers: Any, total_mm: float) -> None:
-    assert 1000 * minimum_distance(edition, arrangement, **numbers).total_m == pytest.approx(total_mm)
+    ]
+    for edition, arrangement, numbers, total_mm in cases:
+        with subtests.test(total_mm=total_mm):
+            assert 1000 * minimum_distance(edition, arrangement, **numbers).total_m == pytest.approx(total_mm)
 
 
 @pytest.mark.parametrize(("x", "broken"), [(-0.852, False), (-0.851, False), (-0.849, True)])
@@ -483,28 +575,27 @@ def test_who_is_past_a_sensing_line_after_a_gap_is_judged_from_its_end_on(
         assert end_s == pytest.approx(broken.end_s, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("clearance", "active", "speed", "broken"),
-    [
+def test_the_speed_of_a_truck(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, int, float, bool]] = [
         (above(0.5), 1, 1.5, False),
         (above(0.5), 1, above(1.5), True),
         (0.5, 1, 0.3, False),
         (0.5, 1, above(0.3), True),
         (9.0, 0, 0.3, False),
         (9.0, 0, above(0.3), True),
-    ],
-)
-def test_the_speed_of_a_truck(clearance: float, active: int, speed: float, broken: bool) -> None:
-    columns = {
-        "speed/a": ("m/s", speed),
-        "clearance/a": ("m", clearance),
-        "personnel_detection/a": ("1", active),
-    }
+    ]
+    for clearance, active, speed, broken in cases:
+        with subtests.test(clearance=clearance, active=active, speed=speed):
+            columns = {
+                "speed/a": ("m/s", speed),
+                "clearance/a": ("m", clearance),
+                "personnel_detection/a": ("1", active),
+            }
 
-    assert violated(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")])) is broken
+            assert violated(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")])) is broken
 
 
-def test_detection_that_is_not_recorded_is_taken_for_active_and_said_so() -> None:
+def test_detection_that_is_not_recorded_is_taken_for_active_with_a_label() -> None:
     columns = {"speed/a": ("m/s", 1.0), "clearance/a": ("m", 1.0)}
 
     finding = only(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")]))
@@ -544,24 +635,32 @@ def test_the_border_of_a_space(x: float, broken: bool) -> None:
     assert violated(monitor, trial_of({"position/r": ("m", [x, 0.0, 0.0])})) is broken
 
 
-@pytest.mark.parametrize(("x", "broken"), [(0.0, False), (1e-9, True), (-1e-9, False), (4.0, False)])
-def test_the_border_of_a_zone_to_keep_out_of(x: float, broken: bool) -> None:
-    trial = trial_of({"position/r": ("m", [x, 1.0, 0.0])})
+def test_the_border_of_a_zone_to_keep_out_of(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool]] = [(0.0, False), (1e-9, True), (-1e-9, False), (4.0, False)]
+    for x, broken in cases:
+        with subtests.test(x=x, broken=broken):
+            trial = trial_of({"position/r": ("m", [x, 1.0, 0.0])})
 
-    assert violated(SpaceLimit(keep_out=(SQUARE,)), trial) is broken
+            assert violated(SpaceLimit(keep_out=(SQUARE,)), trial) is broken
 
 
-@pytest.mark.parametrize(
-    ("z", "broken"), [(0.5, True), (1.0, False), (above(1.0), False), (0.0, False), (below(1.0), True)]
-)
-def test_a_zone_to_keep_out_of_may_have_heights(z: float, broken: bool) -> None:
-    limit = SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(0.0, 1.0))
-    trial = trial_of({"position/r": ("m", np.tile([2.0, 2.0, z], (101, 1)))})
+def test_a_zone_to_keep_out_of_may_have_heights(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool]] = [
+        (0.5, True),
+        (1.0, False),
+        (above(1.0), False),
+        (0.0, False),
+        (below(1.0), True),
+    ]
+    for z, broken in cases:
+        with subtests.test(z=z, broken=broken):
+            limit = SpaceLimit(keep_out=(SQUARE,), keep_out_z_m=(0.0, 1.0))
+            trial = trial_of({"position/r": ("m", np.tile([2.0, 2.0, z], (101, 1)))})
 
-    assert violated(limit, trial) is broken
-    assert violated(SpaceLimit(keep_out=(SQUARE,)), trial)
-    if broken:  # the way out is up or down, which is nearer than any side
-        assert only(limit, trial).robustness == pytest.approx(-min(z, 1.0 - z))
+            assert violated(limit, trial) is broken
+            assert violated(SpaceLimit(keep_out=(SQUARE,)), trial)
+            if broken:  # the way out is up or down, which is nearer than any side
+                assert only(limit, trial).robustness == pytest.approx(-min(z, 1.0 - z))
 
 
 @pytest.mark.parametrize(("z", "broken"), [(2.0, False), (above(2.0), True), (3.0, False)])
@@ -578,20 +677,32 @@ def test_the_limits_of_a_joint(angle: float, broken: bool) -> None:
     assert violated(monitor, trial_of({"joint_position/r::j": ("rad", angle)})) is broken
 
 
-@pytest.mark.parametrize("part", MINIMUM_GAP_M)
-def test_the_gap_that_crushes(part: str) -> None:
-    least = MINIMUM_GAP_M[part][0]
+def test_the_gap_that_crushes(subtests: pytest.Subtests) -> None:
+    cases = MINIMUM_GAP_M
+    for part in cases:
+        with subtests.test(part=part):
+            least = MINIMUM_GAP_M[part][0]
 
-    assert clamps(part, np.array([below(least), least, above(least)]), True).tolist() == [True, False, False]
-    assert not clamps(part, np.array([below(least)]), False).any()
+            assert clamps(part, np.array([below(least), least, above(least)]), True).tolist() == [
+                True,
+                False,
+                False,
+            ]
+            assert not clamps(part, np.array([below(least)]), False).any()
 
 
-@pytest.mark.parametrize(
-    ("duration", "closed_right", "times"),
-    [(4.99, True, 1), (5.0, True, 2), (5.0, False, 1), (5.01, False, 2), (10.0, False, 2), (0.0, False, 1)],
-)
-def test_a_collision_counts_again_after_5_s(duration: float, closed_right: bool, times: int) -> None:
-    assert occurrences(duration, closed_right=closed_right) == times
+def test_a_collision_counts_again_after_5_s(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, bool, int]] = [
+        (4.99, True, 1),
+        (5.0, True, 2),
+        (5.0, False, 1),
+        (5.01, False, 2),
+        (10.0, False, 2),
+        (0.0, False, 1),
+    ]
+    for duration, closed_right, times in cases:
+        with subtests.test(duration=duration, closed_right=closed_right, times=times):
+            assert occurrences(duration, closed_right=closed_right) == times
 
 
 @pytest.mark.parametrize(("limit", "verdict"), [(0.02, SATISFIED), (0.0199, VIOLATED)])
@@ -608,20 +719,19 @@ def test_a_limit_of_pose_accuracy(limit: float, verdict: Verdict) -> None:
     assert only(monitor, trial).verdict is verdict
 
 
-@pytest.mark.parametrize(
-    ("distance", "zone"),
-    [
+def test_the_zones_of_proxemics(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, str]] = [
         (below(0.45), "intimate"),
         (0.45, "personal"),
         (below(1.2), "personal"),
         (1.2, "social"),
         (below(3.6), "social"),
         (3.6, "public"),
-    ],
-)
-def test_the_zones_of_proxemics(distance: float, zone: str) -> None:
-    assert zone_of(distance) == zone
-    assert zone_shares(np.array([distance]), np.array([1.0]))[zone] == 1.0
+    ]
+    for distance, zone in cases:
+        with subtests.test(distance=distance, zone=zone):
+            assert zone_of(distance) == zone
+            assert zone_shares(np.array([distance]), np.array([1.0]))[zone] == 1.0
 
 
 @pytest.mark.parametrize(("seconds", "broken"), [(0.95, False), (0.94, True)])
@@ -643,7 +753,7 @@ def test_time_to_collision(seconds: float, broken: bool) -> None:
 @pytest.mark.parametrize(("missing", "verdict"), [(0.1, SATISFIED), (0.11, INCONCLUSIVE)])
 def test_coverage_below_99_percent_is_inconclusive(missing: float, verdict: Verdict) -> None:
     t = np.array([k / 100 for k in range(1001) if not 1.0 < k / 100 < 1.0 + missing - 1e-9])
-    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t)
+    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot"),))
 
     assert only(SignalCoverage(min_coverage=0.9900000001 - 1e-9), trial).verdict is verdict
 
@@ -671,15 +781,17 @@ def test_mistake_2_stiffness_in_newton_per_metre_and_force_not_squared() -> None
     assert permitted_speed_m_s(hand.force_n, mu, 75.0) > 21.5  # what comes of N/mm
 
 
-@pytest.mark.parametrize("name", REGIONS)
-def test_mistake_3_short_contact_may_do_twice_as_much_except_on_the_head(name: str) -> None:
-    monitor, limits = PflContact(region=name), body_limits(name)
-    transient, lasting = monitor.limit_n(limits, np.array([True, False]))
-    ratio = 1.0 if name in ("skull_forehead", "face") else 2.0
+def test_mistake_3_short_contact_may_do_twice_as_much_except_on_the_head(subtests: pytest.Subtests) -> None:
+    cases = REGIONS
+    for name in cases:
+        with subtests.test(name=name):
+            monitor, limits = PflContact(region=name), body_limits(name)
+            transient, lasting = monitor.limit_n(limits, np.array([True, False]))
+            ratio = 1.0 if name in ("skull_forehead", "face") else 2.0
 
-    assert transient / lasting == ratio
-    assert np.divide(*monitor.limit_pa(limits, np.array([True, False]))) == ratio
-    assert (REGIONS["pelvis"].force_n, REGIONS["lower_leg"].force_n) == (180, 130)
+            assert transient / lasting == ratio
+            assert np.divide(*monitor.limit_pa(limits, np.array([True, False]))) == ratio
+            assert (REGIONS["pelvis"].force_n, REGIONS["lower_leg"].force_n) == (180, 130)
 
 
 @pytest.mark.parametrize(("name", "force"), [("face", 65.0), ("skull_forehead", 130.0)])
@@ -712,40 +824,51 @@ def test_mistake_7_a_retreating_person_does_not_approach() -> None:
     assert seed == pytest.approx(2.0 * 2.5 + 2.6)  # the seed's formula does this on purpose
 
 
-@pytest.mark.parametrize("name", ["separation", "speed", "contact", "space"])
-def test_mistake_8_halving_the_log_rate_moves_a_score_by_one_sample_at_most(name: str) -> None:
-    t = np.arange(1001) / 100
-    wave = 0.25 + 0.2 * np.sin(t)
-    cases: Mapping[str, tuple[Any, Mapping[str, tuple[str, Any]]]] = {
-        "separation": (
-            SsmSeparation(delta_m=0.25),
-            {"centre_distance/r/h": ("m", wave), "speed/h": ("m/s", 0 * t), "speed/r": ("m/s", 0 * t)},
-        ),
-        "speed": (ReducedSpeed(), {"speed/r": ("m/s", wave)}),
-        "contact": (PflContact(region="hand"), {"contact_force/r/h": ("N", 560 * wave)}),
-        "space": (
-            SpaceLimit(box_high_m=(0.25, 9.0)),
-            {"position/r": ("m", np.stack([wave, 0 * t, 0 * t], axis=1))},
-        ),
-    }
-    monitor, columns = cases[name]
+def test_mistake_8_halving_the_log_rate_moves_a_score_by_one_sample_at_most(
+    subtests: pytest.Subtests,
+) -> None:
+    cases: list[str] = ["separation", "speed", "contact", "space"]
+    for name in cases:
+        with subtests.test(name=name):
+            t = np.arange(1001) / 100
+            wave = 0.25 + 0.2 * np.sin(t)
+            cases: Mapping[str, tuple[Any, Mapping[str, tuple[str, Any]]]] = {
+                "separation": (
+                    SsmSeparation(delta_m=0.25),
+                    {
+                        "centre_distance/r/h": ("m", wave),
+                        "speed/h": ("m/s", 0 * t),
+                        "speed/r": ("m/s", 0 * t),
+                    },
+                ),
+                "speed": (ReducedSpeed(), {"speed/r": ("m/s", wave)}),
+                "contact": (PflContact(region="hand"), {"contact_force/r/h": ("N", 560 * wave)}),
+                "space": (
+                    SpaceLimit(box_high_m=(0.25, 9.0)),
+                    {"position/r": ("m", np.stack([wave, 0 * t, 0 * t], axis=1))},
+                ),
+            }
+            monitor, columns = cases[name]
 
-    def seconds(step: int) -> float:
-        thinned = {n: (unit, values[::step]) for n, (unit, values) in columns.items()}
-        found = [f for f in monitor.watch(trial_of(thinned, t=t[::step])) if f.verdict is VIOLATED]
-        return math.fsum(f.quantities["time_in_violation_s"] for f in found)
+            seconds = []
+            for step in (1, 2):
+                thinned = {n: (unit, values[::step]) for n, (unit, values) in columns.items()}
+                found = [f for f in monitor.watch(trial_of(thinned, t=t[::step])) if f.verdict is VIOLATED]
+                seconds.append(math.fsum(f.quantities["time_in_violation_s"] for f in found))
 
-    assert seconds(1) > 1.0
-    assert seconds(2) == pytest.approx(seconds(1), abs=2 * 0.02 + 1e-9)
+            assert seconds[0] > 1.0
+            assert seconds[1] == pytest.approx(seconds[0], abs=2 * 0.02 + 1e-9)
 
 
-@pytest.mark.parametrize("distance", [0.35, 0.5, 0.51, 0.2, 0.0])
-def test_mistake_9_at_the_stop_boundary_the_speed_is_0_exactly(distance: float) -> None:
-    monitor = SsmSeparation(
-        profile="standard", stop_model="deceleration", deceleration_m_s2=2.0, t1_s=0.1, delta_m=0.35
-    )
+def test_mistake_9_at_the_stop_boundary_the_speed_is_0_exactly(subtests: pytest.Subtests) -> None:
+    cases: list[float] = [0.35, 0.5, 0.51, 0.2, 0.0]
+    for distance in cases:
+        with subtests.test(distance=distance):
+            monitor = SsmSeparation(
+                profile="standard", stop_model="deceleration", deceleration_m_s2=2.0, t1_s=0.1, delta_m=0.35
+            )
 
-    assert monitor.speed_cap_m_s(np.array([distance]), np.array([1.6]))[0] == 0.0
+            assert monitor.speed_cap_m_s(np.array([distance]), np.array([1.6]))[0] == 0.0
 
 
 def test_mistake_10_a_stopping_time_in_milliseconds_is_refused() -> None:
@@ -864,7 +987,7 @@ def test_ways_add_up(speed: list[float]) -> None:
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2))
-def test_who_closes_in_is_told_alike_from_both_sides(robot: float, human: float) -> None:
+def test_who_closes_in_is_the_same_seen_from_both_sides(robot: float, human: float) -> None:
     swapped = {"robot": "human", "human": "robot"}
     by = closing_by(robot, human)
 
@@ -912,13 +1035,21 @@ def test_a_region_is_found_however_it_is_written(name: str) -> None:
     assert body_limits(name).region.name == "lower_leg"
 
 
-@pytest.mark.parametrize(("height", "force"), [(0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)])
-def test_an_unknown_region_takes_the_weakest_at_its_height(height: float, force: float) -> None:
-    assert limits_at(height).force_n == force
-    trial = trial_of({"contact_force/r/h": ("N", 64.0), "contact_height/r/h": ("m", height)})
-    finding = only(PflContact(), trial)
-    assert (finding.labels["region"], finding.labels["region_known"]) == (limits_at(height).name, "no")
-    assert (finding.verdict, finding.critical) == (SATISFIED, False)  # nobody knows that it was the face
+def test_an_unknown_region_takes_the_weakest_at_its_height(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float]] = [(0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)]
+    for height, force in cases:
+        with subtests.test(height=height, force=force):
+            assert limits_at(height).force_n == force
+            trial = trial_of({"contact_force/r/h": ("N", 64.0), "contact_height/r/h": ("m", height)})
+            finding = only(PflContact(), trial)
+            assert (finding.labels["region"], finding.labels["region_known"]) == (
+                limits_at(height).name,
+                "no",
+            )
+            assert (finding.verdict, finding.critical) == (
+                SATISFIED,
+                False,
+            )  # nobody knows that it was the face
 
 
 @pytest.mark.parametrize(("of_the_limit", "verdict"), [(0.5, SATISFIED), (1.0, SATISFIED), (1.1, VIOLATED)])
@@ -977,9 +1108,8 @@ def test_a_clamped_hand_has_the_lower_limit_from_the_beginning() -> None:
     assert violated(PflContact(region="hand"), trial_of({**columns, "clamped/r/h": ("1", 1.0)}, n=20))
 
 
-@pytest.mark.parametrize(
-    ("region", "gap_mm", "clamped"),
-    [
+def test_a_gap_that_closes_on_a_body_part_clamps_it(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, float, bool]] = [
         ("hand", 90.0, True),  # W15.1, W15.2
         ("hand", 110.0, False),
         ("hand", 100.0, False),
@@ -987,19 +1117,19 @@ def test_a_clamped_hand_has_the_lower_limit_from_the_beginning() -> None:
         ("chest", 500.0, False),
         ("lower_leg", 179.0, True),
         ("neck", 299.0, True),
-    ],
-)
-def test_a_gap_that_closes_on_a_body_part_clamps_it(region: str, gap_mm: float, clamped: bool) -> None:
-    t = np.arange(20) / 100
-    force = 1.5 * REGIONS[region].force_n  # below the limit of a short contact, above the other
-    columns = {
-        "contact_force/r/h": ("N", np.full(20, force)),
-        "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * (t[-1] - t)),
-    }
+    ]
+    for region, gap_mm, clamped in cases:
+        with subtests.test(region=region, gap_mm=gap_mm, clamped=clamped):
+            t = np.arange(20) / 100
+            force = 1.5 * REGIONS[region].force_n  # below the limit of a short contact, above the other
+            columns = {
+                "contact_force/r/h": ("N", np.full(20, force)),
+                "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * (t[-1] - t)),
+            }
 
-    assert violated(PflContact(region=region), trial_of(columns, t=t)) is clamped
-    opens = {**columns, "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * t)}
-    assert not violated(PflContact(region=region), trial_of(opens, t=t))
+            assert violated(PflContact(region=region), trial_of(columns, t=t)) is clamped
+            opens = {**columns, "crush_gap/r/h": ("m", gap_mm / 1000 + 1e-6 * t)}
+            assert not violated(PflContact(region=region), trial_of(opens, t=t))
 
 
 def test_every_region_of_the_body_has_a_least_gap() -> None:
@@ -1007,27 +1137,24 @@ def test_every_region_of_the_body_has_a_least_gap() -> None:
     assert set(PART_OF_REGION.values()) <= set(MINIMUM_GAP_M)
 
 
-@pytest.mark.parametrize(
-    ("speed", "robot", "human", "labels"),
-    [
+def test_a_contact_says_whether_the_robot_moved_and_who_closed_in(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float, float, dict[str, str]]] = [
         (0.5, 0.5, 0.0, {"robot_moving": "yes", "closing_by": "robot"}),
         (0.0, 0.0, 1.2, {"robot_moving": "no", "closing_by": "human"}),
         (above(0.01), 0.3, 0.3, {"robot_moving": "yes", "closing_by": "both"}),
         (0.01, 0.0, 0.0, {"robot_moving": "no", "closing_by": "neither"}),
-    ],
-)
-def test_a_contact_says_whether_the_robot_moved_and_who_closed_in(
-    speed: float, robot: float, human: float, labels: dict[str, str]
-) -> None:
-    columns = {
-        "contact_force/r/h": ("N", np.where(np.arange(20) < 5, 0.0, 100.0)),
-        "speed/r": ("m/s", speed),
-        "approach_speed_robot/r/h": ("m/s", robot),
-        "approach_speed_human/r/h": ("m/s", human),
-    }
-    found = only(PflContact(region="hand"), trial_of(columns, n=20))
+    ]
+    for speed, robot, human, labels in cases:
+        with subtests.test(speed=speed, robot=robot, human=human):
+            columns = {
+                "contact_force/r/h": ("N", np.where(np.arange(20) < 5, 0.0, 100.0)),
+                "speed/r": ("m/s", speed),
+                "approach_speed_robot/r/h": ("m/s", robot),
+                "approach_speed_human/r/h": ("m/s", human),
+            }
+            found = only(PflContact(region="hand"), trial_of(columns, n=20))
 
-    assert {name: found.labels[name] for name in labels} == labels
+            assert {name: found.labels[name] for name in labels} == labels
 
 
 def test_a_contact_without_speeds_blames_nobody() -> None:
@@ -1084,141 +1211,168 @@ BUSY: Mapping[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", BUSY)
-def test_what_a_violation_measures_a_clean_trial_measures_too(name: str) -> None:
+def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.Subtests) -> None:
     """A price on a quantity is one in every trial; the sheet takes a name nobody has for a misspelt one."""
-    found: dict[Verdict, set[str]] = {VIOLATED: set(), SATISFIED: set()}
-    for seed in range(12):
-        for clean in (False, True):
-            for finding in BUSY[name].watch(busy(seed, clean=clean)):
-                found.setdefault(finding.verdict, set()).update(finding.quantities)
+    cases = BUSY
+    for name in cases:
+        with subtests.test(name=name):
+            found: dict[Verdict, set[str]] = {VIOLATED: set(), SATISFIED: set()}
+            for seed in range(12):
+                for clean in (False, True):
+                    for finding in BUSY[name].watch(busy(seed, clean=clean)):
+                        found.setdefault(finding.verdict, set()).update(finding.quantities)
 
-    if found[SATISFIED]:
-        assert found[VIOLATED] <= found[SATISFIED]
-    if name not in ("log.signal_coverage", "iso_9283.pose_performance", "formula.within"):
-        assert found[VIOLATED], "the trials show nothing"
+            if found[SATISFIED]:
+                assert found[VIOLATED] <= found[SATISFIED]
+            if name not in ("log.signal_coverage", "iso_9283.pose_performance", "formula.within"):
+                assert found[VIOLATED], "the trials show nothing"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name for name in BUSY if name.startswith(("iso_ts_15066", "iso_10218_2.p", "iso_10218_2.m"))]
-    + ["iso_13855.safeguard_distance", "iso_3691_4.agv_protective_field", "proxemics.proximity_comfort"],
-)
-def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(name: str) -> None:
+def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(
+    subtests: pytest.Subtests,
+) -> None:
     """Catalogue, 1.3 and 1.5: exposure, robot_moving, closing_by, whatever is watched of the two."""
-    found = [
-        finding
-        for seed in range(12)
-        for finding in BUSY[name].watch(busy(seed, clean=False))
-        if finding.verdict is VIOLATED and finding.subject in ("r/h", "a/h")
+    cases = [
+        *(name for name in BUSY if name.startswith(("iso_ts_15066", "iso_10218_2.p", "iso_10218_2.m"))),
+        *("iso_13855.safeguard_distance", "iso_3691_4.agv_protective_field", "proxemics.proximity_comfort"),
     ]
+    for name in cases:
+        with subtests.test(name=name):
+            found = [
+                finding
+                for seed in range(12)
+                for finding in BUSY[name].watch(busy(seed, clean=False))
+                if finding.verdict is VIOLATED and finding.subject in ("r/h", "a/h")
+            ]
 
-    assert found
-    assert {finding.labels["robot_moving"] for finding in found} <= {"yes", "no"}
-    assert {finding.labels["closing_by"] for finding in found} <= {"robot", "human", "both", "neither"}
-    assert all(0 <= finding.quantities["exposure_s"] <= 2.99 + 1e-9 for finding in found)
+            assert found
+            assert {finding.labels["robot_moving"] for finding in found} <= {"yes", "no"}
+            assert {finding.labels["closing_by"] for finding in found} <= {
+                "robot",
+                "human",
+                "both",
+                "neither",
+            }
+            assert all(0 <= finding.quantities["exposure_s"] <= 2.99 + 1e-9 for finding in found)
 
 
-@pytest.mark.parametrize("name", BUSY)
-def test_what_a_monitor_finds_hangs_on_nothing_it_does_not_ask_for(name: str) -> None:
+def test_what_a_monitor_finds_hangs_on_nothing_it_does_not_ask_for(subtests: pytest.Subtests) -> None:
     """Signals that are there because another monitor asks for them change no finding."""
-    monitor, trial = BUSY[name], busy(3, clean=False)
-    asked = {need.quantity for need in monitor.needs()}
-    alone = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] in asked}
+    cases = BUSY
+    for name in cases:
+        with subtests.test(name=name):
+            monitor, trial = BUSY[name], busy(3, clean=False)
+            needed = {need.quantity for need in monitor.needs()}
+            alone = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] in needed}
 
-    assert list(monitor.watch(replace(trial, signals=alone))) == list(monitor.watch(trial))
+            assert list(monitor.watch(replace(trial, signals=alone))) == list(monitor.watch(trial))
 
 
-@pytest.mark.parametrize("name", BUSY)
-def test_what_is_optional_leaves_a_monitor_decided_when_it_is_missing(name: str) -> None:
-    monitor, trial = BUSY[name], busy(3, clean=True)
-    optional = {need.quantity for need in monitor.needs() if need.optional}
-    kept = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] not in optional}
+def test_what_is_optional_leaves_a_monitor_decided_when_it_is_missing(subtests: pytest.Subtests) -> None:
+    cases = BUSY
+    for name in cases:
+        with subtests.test(name=name):
+            monitor, trial = BUSY[name], busy(3, clean=True)
+            optional = {need.quantity for need in monitor.needs() if need.optional}
+            kept = {n: signal for n, signal in trial.signals.items() if n.partition("/")[0] not in optional}
 
-    before, after = ([f.verdict for f in monitor.watch(t)] for t in (trial, replace(trial, signals=kept)))
+            before, after = (
+                [f.verdict for f in monitor.watch(t)] for t in (trial, replace(trial, signals=kept))
+            )
 
-    assert (INCONCLUSIVE in after) is (INCONCLUSIVE in before)
+            assert (INCONCLUSIVE in after) is (INCONCLUSIVE in before)
 
 
 # Verdicts ------------------------------------------------------------------------------------------
 
 
-@each_monitor
-def test_an_empty_log_is_undecided(name: str) -> None:
-    found = list(MONITORS[name].watch(Trial("t", recorded=Span(0.0, 1.0))))
+def test_an_empty_log_is_undecided(subtests: pytest.Subtests) -> None:
+    for name in MONITORS:
+        with subtests.test(name=name):
+            found = list(MONITORS[name].watch(Trial("t", recorded=Span(0.0, 1.0))))
 
-    assert found
-    assert INCONCLUSIVE in [f.verdict for f in found]
-    assert all(f.verdict is not VIOLATED for f in found)
-
-
-@each_monitor
-def test_a_log_that_records_every_body_and_has_none_leaves_nothing_to_judge(name: str) -> None:
-    if name == "log.signal_coverage":
-        pytest.skip("it asks about signals, not bodies")
-    trial = Trial("t", recorded=Span(0.0, 1.0), witnessed=frozenset({"bodies"}))
-
-    found = [f for f in MONITORS[name].watch(trial) if f.clause and "sensing line" not in f.message]
-
-    assert [f.verdict for f in found] == [NOT_APPLICABLE]
+            assert found
+            assert INCONCLUSIVE in [f.verdict for f in found]
+            assert all(f.verdict is not VIOLATED for f in found)
 
 
-@each_monitor
-def test_bodies_without_signals_are_undecided_and_the_signal_is_named(name: str) -> None:
-    bodies = (Body("a", "agv"), Body("h", "human"), Body("r", "robot"), Body("s", "robot"))
-    found = list(MONITORS[name].watch(Trial("t", bodies=bodies, recorded=Span(0.0, 1.0))))
-    found = [f for f in found if "sensing line" not in f.message]
+def test_a_log_that_records_every_body_and_has_none_leaves_nothing_to_judge(
+    subtests: pytest.Subtests,
+) -> None:
+    for name in MONITORS:
+        with subtests.test(name=name):
+            if name == "log.signal_coverage":
+                pytest.skip("it asks about signals, not bodies")
+            trial = Trial("t", recorded=Span(0.0, 1.0), witnessed=frozenset({"bodies"}))
 
-    assert {f.verdict for f in found} == {INCONCLUSIVE}
-    assert all("log" in f.message or "no signal" in f.message for f in found)
+            found = [f for f in MONITORS[name].watch(trial) if f.clause and "sensing line" not in f.message]
 
-
-@each_monitor
-def test_findings_say_derived_from_and_never_complies(name: str) -> None:
-    kind = type(MONITORS[name])
-    text = inspect.getsource(kind)
-
-    assert "compl" not in text.replace("complete", "").lower()
-    for finding in MONITORS[name].watch(Trial("t", recorded=Span(0.0, 1.0))):
-        standard = name.split(".", maxsplit=1)[0].startswith(("iso", "iec"))
-        assert finding.clause.startswith("derived from") or not standard
+            assert [f.verdict for f in found] == [NOT_APPLICABLE]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [n for n in MONITORS if n.startswith("iso_ts_15066")]
-    + ["iso_10218_2.pfl_contact", "iso_10218_2.monitored_standstill", "proxemics.proximity_comfort"],
-)
-def test_every_pair_of_several_robots_and_humans_is_judged(name: str) -> None:
-    robots, humans = ("r1", "r2"), ("h1", "h2", "h3")
-    columns: dict[str, tuple[str, Any]] = {}
-    for body in (*robots, *humans):
-        columns[f"position/{body}"] = ("m", [9.0, 9.0, 0.0])
-        columns[f"velocity/{body}"] = ("m/s", [0.0, 0.0, 0.0])
-        columns[f"speed/{body}"] = ("m/s", 0.0)
-    pairs = [f"{r}/{h}" for r in robots for h in humans]
-    for pair in pairs:
-        columns[f"separation/{pair}"] = ("m", 1.0)
-        columns[f"contact_force/{pair}"] = ("N", 0.0)
-        columns[f"approach_speed_robot/{pair}"] = ("m/s", 0.0)
-        columns[f"approach_speed_human/{pair}"] = ("m/s", 0.0)
-    bodies = [*(Body(r, "robot") for r in robots), *(Body(h, "human") for h in humans)]
+def test_bodies_without_signals_are_undecided_and_the_signal_is_named(subtests: pytest.Subtests) -> None:
+    for name in MONITORS:
+        with subtests.test(name=name):
+            bodies = (Body("a", "agv"), Body("h", "human"), Body("r", "robot"), Body("s", "robot"))
+            found = list(MONITORS[name].watch(Trial("t", bodies=bodies, recorded=Span(0.0, 1.0))))
+            found = [f for f in found if "sensing line" not in f.message]
 
-    found = list(MONITORS[name].watch(trial_of(columns, bodies=bodies)))
-
-    assert [f.subject for f in found] == pairs
-    assert INCONCLUSIVE not in [f.verdict for f in found]
+            assert {f.verdict for f in found} == {INCONCLUSIVE}
+            assert all("log" in f.message or "no signal" in f.message for f in found)
 
 
-@pytest.mark.parametrize(
-    ("robot", "human", "by"),
-    [(0.5, 0.0, "robot"), (0.5, 1.0, "both"), (-0.5, 1.0, "human"), (-0.5, -0.5, "neither")],
-)
-def test_an_episode_says_who_closed_in(robot: float, human: float, by: str) -> None:
-    finding = only(SsmSeparation(profile="standard"), separated(0.2, robot=robot, human=human))
+def test_findings_say_derived_from_and_never_complies(subtests: pytest.Subtests) -> None:
+    for name in MONITORS:
+        with subtests.test(name=name):
+            kind = type(MONITORS[name])
+            text = inspect.getsource(kind)
 
-    assert dict(finding.labels) == {"robot_moving": "yes", "closing_by": by}
-    assert finding.quantities["exposure_s"] == pytest.approx(1.0)
+            assert "compl" not in text.replace("complete", "").lower()
+            for finding in MONITORS[name].watch(Trial("t", recorded=Span(0.0, 1.0))):
+                standard = name.split(".", maxsplit=1)[0].startswith(("iso", "iec"))
+                assert finding.clause.startswith("derived from") or not standard
+
+
+def test_every_pair_of_several_robots_and_humans_is_judged(subtests: pytest.Subtests) -> None:
+    cases = [
+        *(name for name in MONITORS if name.startswith("iso_ts_15066")),
+        *("iso_10218_2.pfl_contact", "iso_10218_2.monitored_standstill", "proxemics.proximity_comfort"),
+    ]
+    for name in cases:
+        with subtests.test(name=name):
+            robots, humans = ("r1", "r2"), ("h1", "h2", "h3")
+            columns: dict[str, tuple[str, Any]] = {}
+            for body in (*robots, *humans):
+                columns[f"position/{body}"] = ("m", [9.0, 9.0, 0.0])
+                columns[f"velocity/{body}"] = ("m/s", [0.0, 0.0, 0.0])
+                columns[f"speed/{body}"] = ("m/s", 0.0)
+            pairs = [f"{r}/{h}" for r in robots for h in humans]
+            for pair in pairs:
+                columns[f"separation/{pair}"] = ("m", 1.0)
+                columns[f"contact_force/{pair}"] = ("N", 0.0)
+                columns[f"approach_speed_robot/{pair}"] = ("m/s", 0.0)
+                columns[f"approach_speed_human/{pair}"] = ("m/s", 0.0)
+            bodies = [*(Body(r, "robot") for r in robots), *(Body(h, "human") for h in humans)]
+
+            found = list(MONITORS[name].watch(trial_of(columns, bodies=bodies)))
+
+            assert [f.subject for f in found] == pairs
+            assert INCONCLUSIVE not in [f.verdict for f in found]
+
+
+def test_an_episode_says_who_closed_in(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float, str]] = [
+        (0.5, 0.0, "robot"),
+        (0.5, 1.0, "both"),
+        (-0.5, 1.0, "human"),
+        (-0.5, -0.5, "neither"),
+    ]
+    for robot, human, by in cases:
+        with subtests.test(robot=robot, human=human, by=by):
+            finding = only(SsmSeparation(profile="standard"), separated(0.2, robot=robot, human=human))
+
+            assert dict(finding.labels) == {"robot_moving": "yes", "closing_by": by}
+            assert finding.quantities["exposure_s"] == pytest.approx(1.0)
 
 
 def test_a_robot_at_rest_violates_no_separation_in_the_standard_profile() -> None:
@@ -1244,7 +1398,7 @@ def test_the_agent_of_2023_never_sees_further_than_5_m() -> None:
     assert monitor.d_min_m(np.array([0.8]), np.array([1.0]))[0] == pytest.approx(4.2)
 
 
-def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None:
+def test_a_robot_that_starts_again_while_somebody_is_inside_is_labelled_so() -> None:
     t = np.arange(301) / 100
     columns = {
         "position/h": ("m", np.tile([1.0, 1.0, 0.0], (len(t), 1))),
@@ -1253,8 +1407,8 @@ def test_a_robot_that_starts_again_while_somebody_is_inside_is_told_so() -> None
 
     finding = only(MonitoredStandstill(workspace=SQUARE), trial_of(columns, t=t))
 
-    told = {"resumed": "yes", "robot_moving": "yes", "closing_by": "unknown"}
-    assert dict(finding.labels) == told
+    labels = {"resumed": "yes", "robot_moving": "yes", "closing_by": "unknown"}
+    assert dict(finding.labels) == labels
 
 
 @pytest.mark.parametrize("kind", ["bumper_contact", "power_interruption"])
@@ -1353,6 +1507,124 @@ def test_a_joint_that_turns_while_the_tool_stands_still(speed: float, broken: bo
     assert violated(MonitoredStandstill(workspace=SQUARE), trial_of(columns)) is broken
 
 
+# A gap in a signal that a log need not have, but has
+
+
+def with_gap(trial: Trial, name: str, start_s: float, end_s: float) -> Trial:
+    """A trial without the samples of one signal between two times."""
+    signal = trial.signals[name]
+    kept = (signal.t < start_s) | (signal.t > end_s)
+    thinned = Signal(name, signal.unit, signal.t[kept], signal.values[kept])
+    return replace(trial, signals={**trial.signals, name: thinned})
+
+
+def pressed(force_n: float = 50.0, **columns: Any) -> Trial:
+    """A contact from 0.40 to 0.60 s; a pressure of 1e8 Pa is beyond any limit."""
+    t = np.arange(101) / 100
+    force = np.where((t > 0.395) & (t < 0.605), force_n, 0.0)
+    pressure = np.where((t > 0.455) & (t < 0.505), 1e8, 0.0)
+    given = {"contact_force/r/h": ("N", force), "contact_pressure/r/h": ("Pa", pressure), **columns}
+    return trial_of(given, t=t)
+
+
+def test_a_gap_in_the_pressure_over_its_peak_leaves_a_contact_open() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, pressed()) == [VIOLATED]
+    finding = only(chest, with_gap(pressed(), "contact_pressure/r/h", 0.45, 0.51))
+    assert finding.verdict is INCONCLUSIVE
+    assert "the pressure is recorded, but not at 0.450 s" in finding.message
+
+
+def test_a_gap_in_the_pressure_leaves_open_no_force_that_is_too_large_and_no_other_time() -> None:
+    chest = PflContact(region="chest")
+
+    assert verdicts(chest, with_gap(pressed(1e4), "contact_pressure/r/h", 0.45, 0.51)) == [VIOLATED]
+    assert verdicts(chest, with_gap(pressed(), "contact_pressure/r/h", 0.40, 0.44)) == [VIOLATED]
+    silent = replace(pressed(), signals={"contact_force/r/h": pressed().signals["contact_force/r/h"]})
+    assert verdicts(chest, silent) == [SATISFIED]
+
+
+@pytest.mark.parametrize(("begins_s", "verdict"), [(0.45, SATISFIED), (0.46, INCONCLUSIVE)])
+def test_the_pressure_may_begin_no_later_in_a_contact_than_a_gap_may_last(
+    begins_s: float, verdict: Verdict
+) -> None:
+    trial = pressed(**{"contact_pressure/r/h": ("Pa", 0.0)})
+
+    found = only(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.0, begins_s - 0.005))
+
+    assert found.verdict is verdict
+
+
+def test_the_area_gives_the_pressure_where_the_pressure_has_a_gap() -> None:
+    trial = pressed(**{"contact_area/r/h": ("m2", 0.01)})
+
+    assert verdicts(PflContact(region="chest"), with_gap(trial, "contact_pressure/r/h", 0.45, 0.51)) == [
+        SATISFIED
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("joint_speed/r", ("rad/s", lambda t: np.where((t > 0.6) & (t < 0.8), 1.0, 0.0))),
+        (
+            "position/r",
+            ("m", lambda t: np.stack([np.where((t > 0.6) & (t < 0.8), 1.0, 0), 0 * t, 0 * t], axis=1)),
+        ),
+    ],
+)
+def test_a_gap_in_the_joints_or_the_place_of_a_robot_at_rest_leaves_standstill_open(
+    name: str, column: Any
+) -> None:
+    unit, values = column
+    columns = {"position/h": ("m", [1.0, 1.0, 0.0]), "speed/r": ("m/s", 0.0)}
+    trial = trial_of({**columns, name: (unit, values(np.arange(101) / 100))})
+    monitor = MonitoredStandstill(workspace=SQUARE)
+
+    assert VIOLATED in verdicts(monitor, trial)
+    finding = only(monitor, with_gap(trial, name, 0.6, 0.8))
+    assert finding.verdict is INCONCLUSIVE
+    assert finding.message == f"no samples of {name!r} for 0.220 s, from 0.590 s"
+    assert VIOLATED in verdicts(monitor, with_gap(trial, name, 0.0, 0.3))  # before rest is due
+
+
+def test_drift_is_measured_from_the_first_place_that_is_known() -> None:
+    t = np.arange(101) / 100
+    creeping = np.stack([0.01 * t, 0 * t, 0 * t], axis=1)
+    columns = {
+        "position/h": ("m", [1.0, 1.0, 0.0]),
+        "speed/r": ("m/s", 0.0),
+        "position/r": ("m", creeping),
+    }
+    trial = with_gap(trial_of(columns), "position/r", 0.0, 0.025)
+
+    assert not violated(MonitoredStandstill(workspace=SQUARE, drift_m=0.01), trial)
+    assert violated(MonitoredStandstill(workspace=SQUARE, grace_s=0.0), trial)
+
+
+def test_a_gap_in_the_distance_of_a_moving_truck_over_contact_is_undecided() -> None:
+    t = np.arange(101) / 100
+    columns = {
+        "position/a": ("m", [0.0, 0.0, 0.0]),
+        "velocity/a": ("m/s", [0.5, 0.0, 0.0]),
+        "position/h": ("m", [0.0, 5.0, 0.0]),
+        "body_separation/a/h": ("m", np.where((t > 0.45) & (t < 0.55), 0.0, 1.0)),
+    }
+    trial = trial_of(columns, bodies=[Body("a", "agv"), Body("h", "human")])
+    resting = trial_of(
+        {**columns, "velocity/a": ("m/s", [0.0, 0.0, 0.0])}, bodies=[Body("a", "agv"), Body("h", "human")]
+    )
+
+    assert VIOLATED in verdicts(AgvProtectiveField(), trial)
+    assert verdicts(AgvProtectiveField(), with_gap(trial, "body_separation/a/h", 0.45, 0.55)) == [
+        INCONCLUSIVE
+    ]
+    assert INCONCLUSIVE not in verdicts(
+        AgvProtectiveField(), with_gap(resting, "body_separation/a/h", 0.45, 0.55)
+    )
+
+
 def test_a_hole_in_the_log_during_a_stop_is_undecided() -> None:
     trial = stopping(0.4)
     speed = trial.signals["speed/r"]
@@ -1448,7 +1720,7 @@ def test_a_collision_monitor_with_a_hole_in_its_log_is_never_satisfied() -> None
     assert verdicts(CollisionEpisodes(), trial) == [INCONCLUSIVE]
 
 
-def test_collisions_may_be_told_by_events() -> None:
+def test_collisions_may_be_recorded_as_events() -> None:
     events = [Event(0.1, "in_contact", "s/r", "on"), Event(0.3, "in_contact", "s/r", "off")]
     events += [Event(0.5, "in_contact", "s/r", "on"), Event(0.6, "in_contact", "s/r", "off")]
     trial = trial_of(
@@ -1461,7 +1733,7 @@ def test_collisions_may_be_told_by_events() -> None:
     assert finding.quantities["occurrences"] == 2.0  # two robots count twice
 
 
-def test_a_collision_with_what_stands_around_tells_its_force_and_speed() -> None:
+def test_a_collision_with_fixed_things_has_its_force_and_speed() -> None:
     columns = {"contact_force/r/environment": ("N", 50.0), "velocity/r": ("m/s", [3.0, 4.0, 0.0])}
     trial = trial_of(columns, bodies=[Body("r", "robot")])
 
@@ -1497,9 +1769,8 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
 # Bad input ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_a_bad_parameter_is_named(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[Callable[[], Any], str]] = [
         (lambda: SsmSeparation(t1_s=-0.1), "t1_s is -0.1 but cannot be negative"),
         (lambda: SsmSeparation(t1_s=1500.0), "t1_s is 1500 but must be at most 60 s .*thousandths"),
         (lambda: SsmSeparation(delta_m=math.nan), "delta_m is nan but must be finite"),
@@ -1571,16 +1842,14 @@ def test_a_collision_is_seen_by_geometry_where_no_contact_is_recorded() -> None:
             "'v' is both a signal and a parameter",
         ),
         (lambda: Within(within_s=-1.0), "within_s is -1 but cannot be negative"),
-    ],
-)
-def test_a_bad_parameter_is_named(make: Callable[[], Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make()
+    ]
+    for make, message in cases:
+        with subtests.test(message=message), pytest.raises(ValueError, match=message):
+            make()
 
 
-@pytest.mark.parametrize(
-    ("use", "given", "message"),
-    [
+def test_a_rule_set_with_a_bad_parameter_is_refused(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, Any, str]] = [
         ("iso_ts_15066.ssm_separation", {"profile": "iso"}, "'iso' is not one of seed, ariac2023"),
         ("iso_ts_15066.ssm_separation", {"t1_ms": 100}, "has no parameter 't1_ms'"),
         ("iso_ts_15066.ssm_separation", {"t1_s": "100 ms"}, "'100 ms' is not a float"),
@@ -1591,24 +1860,27 @@ def test_a_bad_parameter_is_named(make: Callable[[], Any], message: str) -> None
         ("formula.always", {"signals": ["speed/{robot}"]}, "is not a mapping of names to values"),
         ("formula.always", {"parameters": {"a": "b"}}, "'b' is not a float"),
         ("formula.always", {"holds": "v > 1 +"}, "signals is empty"),
-    ],
-)
-def test_a_rule_set_with_a_bad_parameter_is_refused(use: str, given: Any, message: str) -> None:
-    with pytest.raises(RuleSetError) as refused:
-        Registry().find("ariac_score.monitors", use).build(given)
-    assert message in str(refused.value)
+    ]
+    for use, parameters, message in cases:
+        with subtests.test(use=use, message=message):
+            with pytest.raises(RuleSetError) as refused:
+                Registry().find("ariac_score.monitors", use).build(parameters)
+            assert message in str(refused.value)
 
 
-@each_monitor
-def test_every_parameter_says_where_it_comes_from_and_every_number_its_unit(name: str) -> None:
-    plugin = Registry().find("ariac_score.monitors", name).load()
-    hints = inspect.get_annotations(plugin)
+def test_every_parameter_says_where_it_comes_from_and_every_number_its_unit(
+    subtests: pytest.Subtests,
+) -> None:
+    for name in MONITORS:
+        with subtests.test(name=name):
+            plugin = Registry().find("ariac_score.monitors", name).load()
+            hints = inspect.get_annotations(plugin)
 
-    for field, facts in parameter_facts(plugin).items():
-        assert facts.status in ("verified", "from memory", "our choice"), field
-        assert facts.source, field
-        if str(hints.get(field)) in ("float", "int", "float | None"):
-            assert facts.unit, field
+            for field, facts in parameter_facts(plugin).items():
+                assert facts.status in ("verified", "from memory", "our choice"), field
+                assert facts.source, field
+                if str(hints.get(field)) in ("float", "int", "float | None"):
+                    assert facts.unit, field
 
 
 # Formulas -------------------------------------------------------------------------------------------
@@ -1688,13 +1960,13 @@ def test_d_min_in_four_lines_of_yaml_is_the_seed_profile_on_every_sample_of_the_
     rules.write_text(D_MIN.replace("ariac2020", "ariac2023" if motion == "human_state" else "ariac2020"))
     measured = score_trial(log, str(rules)).measured
 
-    def said(check: str) -> list[Any]:
+    def facts_of(check: str) -> list[Any]:
         found = measured.of(check).values()  # in order of their words, which are not the same
-        told = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
-        return sorted(told, key=lambda each: (each[0], each[1].start_s, each[2].value))
+        facts = [(f.subject, f.span, f.verdict, f.robustness, dict(f.quantities)) for f in found]
+        return sorted(facts, key=lambda each: (each[0], each[1].start_s, each[2].value))
 
-    assert VIOLATED in [verdict for _, _, verdict, *_ in said("formula")]
-    assert said("formula") == said("separation")
+    assert VIOLATED in [verdict for _, _, verdict, *_ in facts_of("formula")]
+    assert facts_of("formula") == facts_of("separation")
 
 
 def test_the_margin_of_d_min_in_yaml_is_that_of_the_seed_profile_bit_for_bit() -> None:
@@ -1740,9 +2012,8 @@ def test_the_page_about_monitors_names_every_one_and_its_rule_set_is_sound(tmp_p
     assert [name for name in MONITORS if f"`{name}`" not in page and name not in others] == []
 
 
-@pytest.mark.parametrize(
-    ("holds", "speed", "verdict"),
-    [
+def test_a_formula_that_always_holds_and_its_opposite(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[str, float, Verdict]] = [
         ("v < 1", 1.0, VIOLATED),
         ("v <= 1", 1.0, SATISFIED),
         ("v <= 1", above(1.0), VIOLATED),
@@ -1754,14 +2025,14 @@ def test_the_page_about_monitors_names_every_one_and_its_rule_set_is_sound(tmp_p
         ("v > 0 and v < 1", 1.0, VIOLATED),
         ("v", 0.0, VIOLATED),
         ("v == 0 or 1 / v < 2", 0.0, SATISFIED),
-    ],
-)
-def test_a_formula_that_always_holds_and_its_opposite(holds: str, speed: float, verdict: Verdict) -> None:
-    trial, signals = trial_of({"speed/r": ("m/s", speed)}), {"v": "speed/{robot}"}
+    ]
+    for holds, speed, verdict in cases:
+        with subtests.test(holds=holds, speed=speed):
+            trial, signals = trial_of({"speed/r": ("m/s", speed)}), {"v": "speed/{robot}"}
 
-    assert only(Always(holds=holds, signals=signals), trial).verdict is verdict
-    opposite = SATISFIED if verdict is VIOLATED else VIOLATED
-    assert only(Never(holds=holds, signals=signals), trial).verdict is opposite
+            assert only(Always(holds=holds, signals=signals), trial).verdict is verdict
+            opposite = SATISFIED if verdict is VIOLATED else VIOLATED
+            assert only(Never(holds=holds, signals=signals), trial).verdict is opposite
 
 
 def test_a_formula_without_a_value_is_undecided_and_says_why() -> None:
@@ -1825,35 +2096,77 @@ def _watched(distance: float, speed: float, *, seen_s: float = 10.0) -> Trial:
     seen = t[t <= seen_s]
     signals = {
         "position/h": Signal("position/h", "m", held, np.zeros((len(held), 3))),
+        "position/r": Signal("position/r", "m", t, np.zeros((len(t), 3))),
         "separation/r/h": Signal("separation/r/h", "m", seen, np.full(len(seen), distance)),
         "speed/r": Signal("speed/r", "m/s", seen, np.full(len(seen), speed)),
     }
     return replace(trial_of({}, t=t), signals=signals)
 
 
+def _of_human(monitor: SignalCoverage, trial: Trial) -> Finding:
+    (finding,) = (f for f in monitor.watch(trial) if f.subject == "position/h")
+    return finding
+
+
 @pytest.mark.parametrize(
-    ("distance", "speed", "exposure_s", "coverage"),
+    ("quantity", "lacking"),
     [
+        ("position", ["position/h", "position/r2"]),
+        ("speed", ["speed/r2"]),
+        ("separation", ["separation/r2/h"]),
+    ],
+)
+def test_a_subject_without_a_signal_that_another_has_is_named(quantity: str, lacking: list[str]) -> None:
+    names = {"position/r": [0.0, 0.0, 0.0], "speed/r": 0.0, "separation/r/h": 2.0}
+    trial = trial_of(
+        {name: ("m/s" if name == "speed/r" else "m", value) for name, value in names.items()},
+        bodies=(Body("h", "human"), Body("r", "robot"), Body("r2", "robot")),
+    )
+
+    found = list(SignalCoverage(quantities=(quantity,)).watch(trial))
+
+    assert [f.subject for f in found if f.verdict is INCONCLUSIVE] == lacking
+    assert len([f for f in found if f.verdict is SATISFIED]) == 1
+
+
+def test_a_link_places_its_body() -> None:
+    trial = trial_of({"position/r::tool": ("m", [0.0, 0.0, 0.0]), "position/h": ("m", [0.0, 0.0, 0.0])})
+
+    assert verdicts(SignalCoverage(), trial) == [SATISFIED, SATISFIED]
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+@pytest.mark.parametrize("recorded", [None, Span(0.0, 0.0)])
+def test_a_recording_that_lasts_no_time_covers_nothing(samples: int, recorded: Span | None) -> None:
+    t = np.arange(samples, dtype=float)
+    signals = {"position/r": Signal("position/r", "m", t, np.zeros((samples, 3)))}
+    trial = Trial("t", bodies=(Body("r", "robot"),), signals=signals, recorded=recorded)
+
+    assert only(SignalCoverage(), trial).verdict is INCONCLUSIVE
+
+
+def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float, float, float]] = [
         (5.0, 0.5, 10.0, 0.98),  # W19.1
         (above(5.0), 0.5, 0.0, 1.0),
         (1.0, 0.01, 0.0, 1.0),
         (1.0, above(0.01), 10.0, 0.98),
-    ],
-)
-def test_the_share_of_exposure_leaves_out_who_is_far_or_robots_at_rest(
-    distance: float, speed: float, exposure_s: float, coverage: float
-) -> None:
-    found = only(SignalCoverage(share_of="exposure"), _watched(distance, speed))
+    ]
+    for distance, speed, exposure_s, coverage in cases:
+        with subtests.test(distance=distance, speed=speed, exposure_s=exposure_s):
+            found = _of_human(SignalCoverage(share_of="exposure"), _watched(distance, speed))
 
-    assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
-    assert found.quantities["coverage"] == pytest.approx(coverage)
-    assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
-    assert only(SignalCoverage(), _watched(distance, speed)).quantities["coverage"] == pytest.approx(0.98)
+            assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
+            assert found.quantities["coverage"] == pytest.approx(coverage)
+            assert found.verdict is (SATISFIED if coverage == 1.0 else INCONCLUSIVE)
+            assert _of_human(SignalCoverage(), _watched(distance, speed)).quantities[
+                "coverage"
+            ] == pytest.approx(0.98)
 
 
 @pytest.mark.parametrize(("seen_s", "exposure_s"), [(10.0, 0.0), (3.0, 7.0), (-1.0, 10.0)])
 def test_who_is_not_seen_may_be_exposed(seen_s: float, exposure_s: float) -> None:
-    found = only(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
+    found = _of_human(SignalCoverage(share_of="exposure"), _watched(9.0, 0.5, seen_s=seen_s))
 
     assert found.quantities["exposure_s"] == pytest.approx(exposure_s)
     assert found.quantities["missing_s"] == pytest.approx(0.2 if exposure_s else 0.0)
@@ -1868,7 +2181,7 @@ def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
         ),
     )
 
-    assert only(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
+    assert _of_human(SignalCoverage(), trial).quantities["clock_jumps"] == 3.0
 
 
 def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:

@@ -99,13 +99,13 @@ NIST_LOG = Recording("bags/gazebo/ariac2022_kitting_state.log", ROBOTS)
 both = pytest.mark.parametrize("recording", [TURTLE_BAG, NIST_LOG], ids=["turtles", "nist_2022"])
 
 
-def said(result: Result, check: str) -> list[tuple[Any, ...]]:
+def facts_of(result: Result, check: str) -> list[tuple[Any, ...]]:
     """What a check says of a recording, without its words."""
     found = result.measured.of(check).values()
-    told = [
+    facts = [
         (f.subject, f.span, f.verdict, f.robustness, f.unit, dict(f.quantities), _evidence(f)) for f in found
     ]
-    return sorted(told, key=lambda each: (each[0], each[1].start_s, each[2].value))
+    return sorted(facts, key=lambda each: (each[0], each[1].start_s, each[2].value))
 
 
 def _evidence(finding: Finding) -> list[tuple[float, Any, str]]:
@@ -128,9 +128,9 @@ def test_the_formula_finds_what_the_seed_profile_finds(
 ) -> None:
     result = recording.scored(tmp_path, **numbers)
 
-    assert said(result, "formula") == said(result, "separation")
+    assert facts_of(result, "formula") == facts_of(result, "separation")
     if recording is TURTLE_BAG or numbers.get("delta") == 5.0:  # the gantry stays 4 m from the other robot
-        assert VIOLATED in [verdict for _, _, verdict, *_ in said(result, "formula")]
+        assert VIOLATED in [verdict for _, _, verdict, *_ in facts_of(result, "formula")]
 
 
 @both
@@ -198,7 +198,7 @@ def test_the_turtles_are_too_close_for_as_long_as_their_own_speeds_say(
     )
 
 
-def test_the_turtle_that_follows_is_said_to_close_in(tmp_path: Path) -> None:
+def test_the_turtle_that_follows_closes_in(tmp_path: Path) -> None:
     # The other one runs away or stands still: at the onset of each violation its own pose says so.
     result = TURTLE_BAG.scored(tmp_path, profile="ariac2023", delta=1.0)
     poses = _poses()

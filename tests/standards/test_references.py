@@ -6,9 +6,11 @@ multiples of 1/64 s and values of 1/8 or so, so that limits are met exactly, too
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -42,10 +44,25 @@ from ariac_score_standards import (
 
 TICK_S = 1 / 64
 MAX_GAP_S = 4 * TICK_S
-SEEDS = pytest.mark.parametrize("seed", range(30))
 SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
 
 Bad = Sequence[bool]
+
+
+def on_random_trials(check: Callable[..., None]) -> Callable[..., None]:
+    """One test on 30 random trials, by their seeds: an item for each would cost more than the trial."""
+
+    @wraps(check)
+    def test(subtests: pytest.Subtests, **others: Any) -> None:
+        for seed in range(30):
+            with subtests.test(seed=seed):
+                check(seed, **others)
+
+    given = inspect.signature(check)
+    subtests = inspect.Parameter("subtests", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    others = [parameter for name, parameter in given.parameters.items() if name != "seed"]
+    test.__signature__ = given.replace(parameters=[subtests, *others])  # type: ignore[attr-defined]
+    return test
 
 
 @dataclass
@@ -130,25 +147,28 @@ def episodes(course: Course, bad: Bad, *, t_on: float = 0.0, t_off: float = 1.0)
     return found
 
 
-def told(findings: Iterable[Finding], verdict: Verdict) -> list[Finding]:
+def of_verdict(findings: Iterable[Finding], verdict: Verdict) -> list[Finding]:
     return [f for f in findings if f.verdict is verdict]
 
 
 def assert_episodes(
     course: Course, findings: list[Finding], bad: Bad, margin: Sequence[float], **timing: float
 ) -> None:
-    """The findings are the reference's: spans, times, robustness, gaps, and what is said when all is well."""
+    """The findings are the reference's: spans, times, robustness, gaps, and the finding when all is well."""
     wanted = episodes(course, bad, **timing)
-    violated = told(findings, Verdict.VIOLATED)
+    violated = of_verdict(findings, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding, slow in zip(violated, wanted, strict=True):
         seconds = add_up(course.lasts[i] for i in slow.rows)
         assert finding.quantities["time_in_violation_s"] == pytest.approx(seconds)
         assert finding.robustness == pytest.approx(min(margin[i] for i in slow.rows))
-    undecided = [(f.span.start_s, f.span.end_s) for f in told(findings, Verdict.INCONCLUSIVE) if f.span]
+    undecided = [(f.span.start_s, f.span.end_s) for f in of_verdict(findings, Verdict.INCONCLUSIVE) if f.span]
     assert undecided == course.gaps
     quiet = not wanted and not course.gaps
-    assert len(told(findings, Verdict.SATISFIED)) + len(told(findings, Verdict.NOT_APPLICABLE)) == quiet
+    assert (
+        len(of_verdict(findings, Verdict.SATISFIED)) + len(of_verdict(findings, Verdict.NOT_APPLICABLE))
+        == quiet
+    )
 
 
 def assert_met(
@@ -164,9 +184,9 @@ def assert_met(
     exposed = add_up(
         last for last, d, v in zip(course.lasts, distance, speed, strict=True) if d <= 5 and v > 0.01
     )
-    for finding in told(findings, Verdict.SATISFIED) + told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.SATISFIED) + of_verdict(findings, Verdict.VIOLATED):
         assert finding.quantities["exposure_s"] == pytest.approx(exposed)
-    for finding in told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.VIOLATED):
         assert finding.span is not None
         onset = max(course.t.index(finding.span.start_s) - before, 0)
         by = "unknown"
@@ -221,7 +241,7 @@ def slow_required(v_h: float, v_r: float, model: str) -> float:
     return walked + reacted + stopped + 0.125 + 0.25 + 0.0625
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("model", ["linear", "deceleration", "constant_speed"])
 def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     course = Course.of(seed)
@@ -243,7 +263,7 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     bad = [m < 0 and v > 0.01 for m, v in zip(margin, speed, strict=True)]
     findings = list(monitor.watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, **TIMING)
-    for finding in told(findings, Verdict.VIOLATED):
+    for finding in of_verdict(findings, Verdict.VIOLATED):
         assert finding.span is not None
         onset = course.t.index(finding.span.start_s)
         closes = [name for name, v in (("robot", robot[onset]), ("human", human[onset])) if v > 0.01]
@@ -252,9 +272,9 @@ def test_separation_in_its_full_form(seed: int, model: Any) -> None:
     assert_met(course, findings, distance, speed, (robot, human))
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("model", ["linear", "deceleration", "constant_speed"])
-def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> None:
+def test_the_speed_cap_agrees_with_the_separation(seed: int, model: Any) -> None:
     """Both are one requirement; here the reference is a search for the largest speed that is enough."""
     course = Course.of(seed)
     columns = pair_columns(course)
@@ -288,7 +308,7 @@ def test_the_speed_cap_says_what_the_separation_says(seed: int, model: Any) -> N
     assert_met(course, findings, distance, speed, (robot, human))
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("poses", [False, True])
 def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
     course = Course.of(seed)
@@ -324,7 +344,7 @@ def test_the_response_to_a_breach(seed: int, poses: bool) -> None:
 # Contact -------------------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_contact_against_the_limits_of_the_hand(seed: int) -> None:
     course = Course.of(seed)
     force = course.values([0.0, 0.0, 5.0, 6.0, 139.0, 140.0, 141.0, 280.0, 281.0], hold=12)
@@ -346,7 +366,7 @@ def test_contact_against_the_limits_of_the_hand(seed: int) -> None:
         assert finding.quantities["time_in_violation_s"] == pytest.approx(above)
 
 
-@SEEDS
+@on_random_trials
 @pytest.mark.parametrize("when", ["contact", "near"])
 def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
     course = Course.of(seed)
@@ -366,12 +386,12 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
         if when == "contact":
             v = columns["relative_speed/r/h"][1][i]
             touched = i > 0 and distance[i - 1] <= 0 and course.t[i] - course.t[i - 1] <= MAX_GAP_S
-            asked = d <= 0 and not touched
+            applies = d <= 0 and not touched
         else:
             v = columns["approach_speed_robot/r/h"][1][i] + columns["approach_speed_human/r/h"][1][i]
-            asked = d < 0.1
+            applies = d < 0.1
         margin.append(limit - v)
-        bad.append(asked and v > limit)
+        bad.append(applies and v > limit)
     findings = list(monitor.watch(course.trial(columns)))
     assert_episodes(course, findings, bad, margin, t_off=5 * TICK_S)
     towards = columns["approach_speed_robot/r/h"][1], columns["approach_speed_human/r/h"][1]
@@ -381,7 +401,7 @@ def test_the_speed_of_a_contact(seed: int, when: Any) -> None:
 # Speeds and stops ------------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_reduced_speed_in_manual_mode(seed: int) -> None:
     course = Course.of(seed)
     speed, manual = course.values([0.125, 0.25, 0.2500001, 0.5]), course.values([0.0, 1.0], hold=20)
@@ -393,7 +413,7 @@ def test_reduced_speed_in_manual_mode(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_standing_still_while_somebody_is_inside(seed: int) -> None:
     course = Course.of(seed)
     x, speed = course.values([-1.0, 0.0, 2.0, 5.0], hold=20), course.values([0.0, 0.01, 0.25], hold=8)
@@ -415,7 +435,7 @@ def test_standing_still_while_somebody_is_inside(seed: int) -> None:
     assert_met(course, findings, apart, speed)
 
 
-@SEEDS
+@on_random_trials
 def test_a_guided_robot(seed: int) -> None:
     course = Course.of(seed)
     held, speed = course.values([0.0, 1.0], hold=15), course.values([0.0, 0.01, 0.125, 0.25, 0.375])
@@ -432,7 +452,7 @@ def test_a_guided_robot(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_stopping(seed: int) -> None:
     course = Course.of(seed)
     course.t = [i * TICK_S for i in range(len(course.t))]  # without gaps: what they do is tested elsewhere
@@ -471,7 +491,7 @@ def test_stopping(seed: int) -> None:
     assert finding.verdict is (Verdict.VIOLATED if late else Verdict.SATISFIED)
 
 
-@SEEDS
+@on_random_trials
 def test_no_restart_by_itself(seed: int) -> None:
     course = Course.of(seed)
     speed = course.values([0.0, 0.0, 0.0, 0.25], hold=9)
@@ -498,7 +518,7 @@ def test_no_restart_by_itself(seed: int) -> None:
             break
     bad = [v > 0.01 and latched - 1e-9 <= t < start for v, t in zip(speed, course.t, strict=True)]
     wanted = episodes(course, bad, t_off=5 * TICK_S)
-    violated = told(findings, Verdict.VIOLATED)
+    violated = of_verdict(findings, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding in violated:
         assert finding.span is not None
@@ -508,7 +528,7 @@ def test_no_restart_by_itself(seed: int) -> None:
 # Safeguards, trucks -----------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_behind_a_sensing_line(seed: int) -> None:
     course = Course.of(seed)
     x, y, speed = course.walk(0.5, -1.0, 3.0), course.values([0.5, 5.0], hold=40), course.values([0.0, 0.25])
@@ -550,7 +570,7 @@ def test_behind_a_sensing_line(seed: int) -> None:
     assert_met(course, findings, apart, speed, towards)
 
 
-@SEEDS
+@on_random_trials
 def test_the_speed_of_a_truck(seed: int) -> None:
     course = Course.of(seed)
     speed, free = course.values([0.0, 0.25, 0.3, 0.5, 1.5, 1.75]), course.values([0.25, 0.5, 0.625])
@@ -568,7 +588,7 @@ def test_the_speed_of_a_truck(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(trial)), [m < 0 for m in margin], margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_truck_that_meets_a_person(seed: int) -> None:
     course = Course.of(seed)
     x, y, v = (
@@ -613,7 +633,7 @@ def test_a_truck_that_meets_a_person(seed: int) -> None:
 # Space, gaps, collisions --------------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_the_space_of_a_robot(seed: int) -> None:
     course = Course.of(seed)
     x, y = course.walk(0.25, -2.0, 2.0), course.walk(0.25, -2.0, 2.0)
@@ -631,7 +651,7 @@ def test_the_space_of_a_robot(seed: int) -> None:
     assert_episodes(course, findings, [m < 0 for m in margin], margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_gap_that_closes(seed: int) -> None:
     course = Course.of(seed)
     gap = course.walk(0.0125, 0.05, 0.15)
@@ -645,7 +665,7 @@ def test_a_gap_that_closes(seed: int) -> None:
     assert_episodes(course, findings, bad, [g - 0.1 for g in gap], **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_collisions(seed: int) -> None:
     course = Course.of(seed)
     flag = course.values([0.0, 0.0, 1.0], hold=9)
@@ -654,7 +674,7 @@ def test_collisions(seed: int) -> None:
     found = list(monitor.watch(course.trial({"in_contact/r/s": ("1", flag)}, bodies=bodies)))
 
     wanted = episodes(course, [f > 0.5 for f in flag], t_off=5 * TICK_S)
-    violated = told(found, Verdict.VIOLATED)
+    violated = of_verdict(found, Verdict.VIOLATED)
     assert [(f.span.start_s, f.span.end_s) for f in violated if f.span] == [(e.start, e.end) for e in wanted]
     for finding, slow in zip(violated, wanted, strict=True):
         times, left = 1, slow.end - slow.start
@@ -666,7 +686,7 @@ def test_collisions(seed: int) -> None:
 # Poses, comfort, coverage, formulas ------------------------------------------------------------------
 
 
-@SEEDS
+@on_random_trials
 def test_attained_poses(seed: int) -> None:
     course = Course.of(seed)
     points = [[float(v) for v in course.rng.normal(0, 0.01, 3)] for _ in course.t]
@@ -684,7 +704,7 @@ def test_attained_poses(seed: int) -> None:
     assert finding.quantities["repeatability_m"] == pytest.approx(mean + 3 * deviation)
 
 
-@SEEDS
+@on_random_trials
 def test_time_to_collision(seed: int) -> None:
     course = Course.of(seed)
     n = len(course.t)
@@ -718,11 +738,11 @@ def test_time_to_collision(seed: int) -> None:
     distance = columns["separation/r/h"][1]
     near = add_up(last for last, d in zip(course.lasts, distance, strict=True) if d < 0.45)
     assert_met(course, found, distance, columns["speed/r"][1])
-    for finding in told(found, Verdict.VIOLATED):
+    for finding in of_verdict(found, Verdict.VIOLATED):
         assert finding.quantities["share_intimate"] == pytest.approx(near / add_up(course.lasts))
 
 
-@SEEDS
+@on_random_trials
 def test_coverage_of_a_signal(seed: int) -> None:
     course = Course.of(seed)
     columns = {"position/r": ("m", [[0.0, 0.0, 0.0]] * len(course.t))}
@@ -734,7 +754,7 @@ def test_coverage_of_a_signal(seed: int) -> None:
     assert finding.verdict is (Verdict.SATISFIED if 1 - missing / whole >= 0.99 else Verdict.INCONCLUSIVE)
 
 
-@SEEDS
+@on_random_trials
 def test_a_formula(seed: int) -> None:
     course = Course.of(seed)
     a, b = course.values([0.0, 0.5, 1.0, 2.0]), course.values([0.0, 0.5, 1.0])
@@ -755,7 +775,7 @@ def test_a_formula(seed: int) -> None:
     assert_episodes(course, list(monitor.watch(course.trial(columns))), bad, margin, **TIMING)
 
 
-@SEEDS
+@on_random_trials
 def test_a_formula_in_time(seed: int) -> None:
     course = Course.of(seed)
     course.t = [i * TICK_S for i in range(len(course.t))]
@@ -777,5 +797,5 @@ def test_a_formula_in_time(seed: int) -> None:
             continue
         (late if i + 8 <= len(b) - 1 else open_ended).append(course.t[i])
     found = list(monitor.watch(course.trial({"speed/r": ("m/s", a), "speed/h": ("m/s", b)})))
-    assert [f.span.start_s for f in told(found, Verdict.VIOLATED) if f.span] == late
-    assert [f.span.start_s for f in told(found, Verdict.INCONCLUSIVE) if f.span] == open_ended
+    assert [f.span.start_s for f in of_verdict(found, Verdict.VIOLATED) if f.span] == late
+    assert [f.span.start_s for f in of_verdict(found, Verdict.INCONCLUSIVE) if f.span] == open_ended

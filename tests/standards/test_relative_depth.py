@@ -32,33 +32,35 @@ def the_violation(monitor: Monitor, trial: Trial) -> Finding:
     return finding
 
 
-@pytest.mark.parametrize(
-    ("speed_m_s", "depth"),
-    [(0.30, 0.2), (0.375, 0.5), (0.50, 1.0), (0.51, 1.0), (0.75, 1.0), (25.0, 1.0)],
-)
-def test_a_speed_beyond_twice_the_limit_is_no_deeper_than_twice_the_limit(
-    speed_m_s: float, depth: float
-) -> None:
-    monitor = ReducedSpeed(max_speed_m_s=LIMIT_M_S)
+def test_a_speed_beyond_twice_the_limit_is_no_deeper_than_twice_the_limit(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float]] = [
+        (0.30, 0.2),
+        (0.375, 0.5),
+        (0.50, 1.0),
+        (0.51, 1.0),
+        (0.75, 1.0),
+        (25.0, 1.0),
+    ]
+    for speed_m_s, depth in cases:
+        with subtests.test(speed_m_s=speed_m_s, depth=depth):
+            monitor = ReducedSpeed(max_speed_m_s=LIMIT_M_S)
 
-    found = the_violation(monitor, steady("speed/r", "m/s", speed_m_s)).quantities
+            found = the_violation(monitor, steady("speed/r", "m/s", speed_m_s)).quantities
 
-    assert found["relative_depth_max"] == pytest.approx(depth)
-    assert found["relative_depth_integral_s"] == pytest.approx(depth * found["time_in_violation_s"])
-    assert found["excess_max_m_s"] == pytest.approx(speed_m_s - LIMIT_M_S)  # which nothing clips
+            assert found["relative_depth_max"] == pytest.approx(depth)
+            assert found["relative_depth_integral_s"] == pytest.approx(depth * found["time_in_violation_s"])
+            assert found["excess_max_m_s"] == pytest.approx(speed_m_s - LIMIT_M_S)  # which nothing clips
 
 
-@pytest.mark.parametrize(
-    ("force_n", "depth"), [(140.0, 0.0), (210.0, 0.5), (280.0, 1.0), (281.0, 1.0), (420.0, 1.0)]
-)
-def test_a_force_beyond_twice_the_limit_is_no_deeper_than_twice_the_limit(
-    force_n: float, depth: float
-) -> None:
-    # 2 s of contact: longer than a transient one, so that the quasi-static limit holds at the end. The first
-    # half second bears twice as much, so the deepest moment lies after it.
-    monitor = PflContact(region="hand")
+def test_a_force_beyond_twice_the_limit_is_no_deeper_than_twice_the_limit(subtests: pytest.Subtests) -> None:
+    cases: list[tuple[float, float]] = [(140.0, 0.0), (210.0, 0.5), (280.0, 1.0), (281.0, 1.0), (420.0, 1.0)]
+    for force_n, depth in cases:
+        with subtests.test(force_n=force_n, depth=depth):
+            # 2 s of contact: longer than a transient one, so that the quasi-static limit holds at the end.
+            # The first half second bears twice as much, so the deepest moment lies after it.
+            monitor = PflContact(region="hand")
 
-    found = the_violation(monitor, steady("contact_force/r/h", "N", force_n)).quantities
+            found = the_violation(monitor, steady("contact_force/r/h", "N", force_n)).quantities
 
-    assert found["relative_depth_max"] == pytest.approx(depth)
-    assert found["ratio_max"] == pytest.approx(force_n / LIMIT_N)
+            assert found["relative_depth_max"] == pytest.approx(depth)
+            assert found["ratio_max"] == pytest.approx(force_n / LIMIT_N)

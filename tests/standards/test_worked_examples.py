@@ -161,58 +161,58 @@ def one_or_all(given: Any, values: Any) -> Any:
     return listed if isinstance(given, list) else listed[0]
 
 
-def first_of(told: Inputs, *names: str, default: Any = None) -> Any:
+def first_of(inputs: Inputs, *names: str, default: Any = None) -> Any:
     """The input that an example gives under one of several names."""
-    return next((told[name] for name in names if name in told), default)
+    return next((inputs[name] for name in names if name in inputs), default)
 
 
 # M1 to M3: speed and separation ----------------------------------------------------------
 
 
 @runs("M1.seed", "M1.ariac2023", "M1.ariac2023_agent", "M1.agent")
-def seed(told: Inputs) -> Outputs:
+def seed(inputs: Inputs) -> Outputs:
     names = {"t1": "t1_s", "t2": "t2_s", "B": "stopping_distance_m", "delta": "delta_m", "cap": "cap_m"}
-    given = {name: told[key] for key, name in names.items() if told.get(key) is not None}
-    monitor = SsmSeparation(profile=told.get("profile", "seed"), **given)
-    human, robot = np.broadcast_arrays(*(np.atleast_1d(np.asarray(told[k], float)) for k in ("k_H", "k_R")))
+    given = {name: inputs[key] for key, name in names.items() if inputs.get(key) is not None}
+    monitor = SsmSeparation(profile=inputs.get("profile", "seed"), **given)
+    human, robot = np.broadcast_arrays(*(np.atleast_1d(np.asarray(inputs[k], float)) for k in ("k_H", "k_R")))
     d_min = monitor.d_min_m(human, robot)
-    listed = next((told[k] for k in ("k_H", "k_R") if isinstance(told[k], list)), 0)
+    listed = next((inputs[k] for k in ("k_H", "k_R") if isinstance(inputs[k], list)), 0)
     outputs = {"d_min_m": one_or_all(listed, d_min)}
-    if "d" in told:
-        outputs["violated"] = one_or_all(told["d"], np.atleast_1d(told["d"]) < d_min)
+    if "d" in inputs:
+        outputs["violated"] = one_or_all(inputs["d"], np.atleast_1d(inputs["d"]) < d_min)
     return outputs
 
 
-def standard(told: Inputs, **more: Any) -> SsmSeparation:
+def standard(inputs: Inputs, **more: Any) -> SsmSeparation:
     """The full form with the example's parameters."""
-    model = re.sub(r"[\s*()]", "", str(told.get("S_s_model", told.get("stop", ""))))
-    given: dict[str, Any] = {"t1_s": told["T_r"]}
-    if told.get("T_s") is not None:
-        given["t2_s"] = told["T_s"]
-    if "S_s" in told:
-        given |= {"stop_model": "fixed", "stopping_distance_m": told["S_s"]}
-    elif "a" in told or "2a" in model or model == "deceleration":
-        given |= {"stop_model": "deceleration", "deceleration_m_s2": told["a"]}
+    model = re.sub(r"[\s*()]", "", str(inputs.get("S_s_model", inputs.get("stop", ""))))
+    given: dict[str, Any] = {"t1_s": inputs["T_r"]}
+    if inputs.get("T_s") is not None:
+        given["t2_s"] = inputs["T_s"]
+    if "S_s" in inputs:
+        given |= {"stop_model": "fixed", "stopping_distance_m": inputs["S_s"]}
+    elif "a" in inputs or "2a" in model or model == "deceleration":
+        given |= {"stop_model": "deceleration", "deceleration_m_s2": inputs["a"]}
     elif model in ("v_rT_s", "constant", "constant_speed", "worst_case", "worst"):
         given["stop_model"] = "constant_speed"
     else:
         given["stop_model"] = "linear"
-    if "C_plus_Z" in told:
-        given["delta_m"] = told["C_plus_Z"]
+    if "C_plus_Z" in inputs:
+        given["delta_m"] = inputs["C_plus_Z"]
     else:
         margins = {"C": "intrusion_m", "Z_d": "human_uncertainty_m", "Z_r": "robot_uncertainty_m"}
-        given |= {name: told.get(key, 0.0) for key, name in margins.items()}
-    if "v_h" in told:
-        given |= {"human_speed": "fixed", "human_speed_m_s": told["v_h"]}
+        given |= {name: inputs.get(key, 0.0) for key, name in margins.items()}
+    if "v_h" in inputs:
+        given |= {"human_speed": "fixed", "human_speed_m_s": inputs["v_h"]}
     return SsmSeparation(profile="standard", **given, **more)
 
 
 @runs("M1", "M1.full", "M1.standard")
-def separation(told: Inputs) -> Outputs:
-    monitor = standard(told)
-    given = told.get("v_r", 0.0)
+def separation(inputs: Inputs) -> Outputs:
+    monitor = standard(inputs)
+    given = inputs.get("v_r", 0.0)
     v_r = np.maximum(np.atleast_1d(np.asarray(given, float)), 0.0)  # withdrawing never shrinks it
-    v_h = np.full_like(v_r, told.get("v_h", 1.6))
+    v_h = np.full_like(v_r, inputs.get("v_h", 1.6))
     parts = {
         "S_h": monitor.human_path_m(v_h, v_r),
         "S_r": monitor.reaction_path_m(v_r),
@@ -221,33 +221,33 @@ def separation(told: Inputs) -> Outputs:
         "T_s": monitor.stopping_time_s(v_r),
     }
     outputs = {name: one_or_all(given, part) for name, part in parts.items()}
-    if "d" in told:
-        outputs["violated"] = one_or_all(given, told["d"] < parts["S_p"])
-        outputs["robustness_m"] = one_or_all(given, told["d"] - parts["S_p"])
+    if "d" in inputs:
+        outputs["violated"] = one_or_all(given, inputs["d"] < parts["S_p"])
+        outputs["robustness_m"] = one_or_all(given, inputs["d"] - parts["S_p"])
     return outputs
 
 
 @runs("M1.integral")
-def integral(told: Inputs) -> Outputs:
-    t_r, t_s = told["T_r"], told["T_s"]
-    h_start = told.get("v_h_start", told.get("v_h"))
-    s_h = path_m(np.array([0.0, t_r + t_s]), np.array([h_start, told.get("v_h_end", h_start)], float))
-    r_start = told.get("v_r_start", told.get("v_r"))
-    r_end = told.get("v_r_end", r_start)
+def integral(inputs: Inputs) -> Outputs:
+    t_r, t_s = inputs["T_r"], inputs["T_s"]
+    h_start = inputs.get("v_h_start", inputs.get("v_h"))
+    s_h = path_m(np.array([0.0, t_r + t_s]), np.array([h_start, inputs.get("v_h_end", h_start)], float))
+    r_start = inputs.get("v_r_start", inputs.get("v_r"))
+    r_end = inputs.get("v_r_end", r_start)
     s_r = path_m(np.array([0.0, t_r]), np.array([r_start, r_end], float))
-    stops_at = 0.0 if told.get("stop", "linear") == "linear" else r_end
+    stops_at = 0.0 if inputs.get("stop", "linear") == "linear" else r_end
     s_s = path_m(np.array([0.0, t_s]), np.array([r_end, stops_at], float))
-    margin = told.get("C_plus_Z", told.get("C", 0.0) + told.get("Z_d", 0.0) + told.get("Z_r", 0.0))
+    margin = inputs.get("C_plus_Z", inputs.get("C", 0.0) + inputs.get("Z_d", 0.0) + inputs.get("Z_r", 0.0))
     return {"S_h": s_h, "S_r": s_r, "S_s": s_s, "S_p": s_h + s_r + s_s + margin}
 
 
 @runs("M1.directed")
-def directed(told: Inputs) -> Outputs:
-    row = {key: np.array([told[key]], float) for key in ("p_r", "p_h", "v_r", "v_h")}
+def directed(inputs: Inputs) -> Outputs:
+    row = {key: np.array([inputs[key]], float) for key in ("p_r", "p_h", "v_r", "v_h")}
     found = approach_of(row["p_r"], row["p_h"], row["v_r"], row["v_h"])
     scalar = {key: np.linalg.norm(row[key], axis=1) for key in ("v_r", "v_h")}
     names = {"t1": "t1_s", "t2": "t2_s", "B": "stopping_distance_m", "delta": "delta_m"}
-    monitor = SsmSeparation(**{name: told[key] for key, name in names.items() if key in told})
+    monitor = SsmSeparation(**{name: inputs[key] for key, name in names.items() if key in inputs})
     clamped = [np.maximum(v, 0.0) for v in (found.human_m_s, found.robot_m_s)]
     return {
         "d": float(found.distance_m[0]),
@@ -261,16 +261,17 @@ def directed(told: Inputs) -> Outputs:
     }
 
 
-def breaks_of(told: Any) -> list[tuple[float, float]]:
+def breaks_of(inputs: Any) -> list[tuple[float, float]]:
     """A chart as words: `3.0 to 1.0 m linearly in 4 s, back to 3.0 in 4 s, hold 2 s`; or as [t, value]."""
-    if isinstance(told, list):
-        return [(float(t), float(v)) for t, v in told]
+    if isinstance(inputs, list):
+        return [(float(t), float(v)) for t, v in inputs]
     number = r"(-?[\d.]+)"
-    start = re.match(rf"\s*{number}", told)
-    assert start, told
+    start = re.match(rf"\s*{number}", inputs)
+    assert start, inputs
     breaks = [(0.0, float(start[1]))]
     parts = re.finditer(
-        rf"to {number}(?: m)?(?: linearly)? in {number} s|(?:hold|holds|stays|constant)[^\d]*{number} s", told
+        rf"to {number}(?: m)?(?: linearly)? in {number} s|(?:hold|holds|stays|constant)[^\d]*{number} s",
+        inputs,
     )
     for part in parts:
         t, value = breaks[-1]
@@ -279,12 +280,14 @@ def breaks_of(told: Any) -> list[tuple[float, float]]:
 
 
 @runs("M1.episode")
-def episode(told: Inputs) -> Outputs:
-    chart = breaks_of(told["d_profile"])
-    t, (distance,) = sampled(chart, rate_hz=told.get("rate_hz", 100))
+def episode(inputs: Inputs) -> Outputs:
+    chart = breaks_of(inputs["d_profile"])
+    t, (distance,) = sampled(chart, rate_hz=inputs.get("rate_hz", 100))
     columns = {"centre_distance/r/h": ("m", distance), "speed/h": ("m/s", 0.0), "speed/r": ("m/s", 0.0)}
-    limits = {name: told[key] for key, name in {"t_on": "t_on_s", "t_off": "t_off_s"}.items() if key in told}
-    found = violations(SsmSeparation(delta_m=told["S_p"], **limits).watch(trial_of(t, columns)))
+    limits = {
+        name: inputs[key] for key, name in {"t_on": "t_on_s", "t_off": "t_off_s"}.items() if key in inputs
+    }
+    found = violations(SsmSeparation(delta_m=inputs["S_p"], **limits).watch(trial_of(t, columns)))
     margins = [f.robustness for f in found if f.robustness is not None]
     return {
         "episodes": len(found),
@@ -292,7 +295,7 @@ def episode(told: Inputs) -> Outputs:
         "max_depth_m": largest(found, "depth_max_m"),
         "integrated_depth_m_s": total(found, "depth_integral_m_s"),
         "relative_integral_s": total(found, "relative_depth_integral_s"),
-        "robustness_m": min(margins) if found else float(distance.min() - told["S_p"]),
+        "robustness_m": min(margins) if found else float(distance.min() - inputs["S_p"]),
         "start_s": found[0].span.start_s if found and found[0].span else None,
         "end_s": found[-1].span.end_s if found and found[-1].span else None,
         "violated": bool(found),
@@ -300,63 +303,63 @@ def episode(told: Inputs) -> Outputs:
 
 
 @runs("M2.linear", "M2.deceleration", "M2.constant_speed", "M2.worst_case")
-def speed_cap(told: Inputs) -> Outputs:
-    monitor = standard({**told, "stop": told.get("stop", "linear")})
-    return cap_outputs(monitor, told, told["v_h"])
+def speed_cap(inputs: Inputs) -> Outputs:
+    monitor = standard({**inputs, "stop": inputs.get("stop", "linear")})
+    return cap_outputs(monitor, inputs, inputs["v_h"])
 
 
-def cap_outputs(monitor: SsmSeparation, told: Inputs, human_m_s: float) -> Outputs:
+def cap_outputs(monitor: SsmSeparation, inputs: Inputs, human_m_s: float) -> Outputs:
     outputs: dict[str, Any] = {}
-    distance = told.get("d")
+    distance = inputs.get("d")
     if distance is None:  # a round trip: the distance a speed needs, and the speed it permits
-        v = np.atleast_1d(np.asarray(told["v"], float))
+        v = np.atleast_1d(np.asarray(inputs["v"], float))
         distance_m = monitor.d_min_m(np.full_like(v, human_m_s), v)
-        outputs["S_p"] = one_or_all(told["v"], distance_m)
-        distance = told["v"]
+        outputs["S_p"] = one_or_all(inputs["v"], distance_m)
+        distance = inputs["v"]
     else:
         distance_m = np.atleast_1d(np.asarray(distance, float))
     cap = monitor.speed_cap_m_s(distance_m, np.full_like(distance_m, human_m_s))
     outputs["v_max"] = one_or_all(distance, cap)
-    if "d" in told and ("v_r" in told or "v" in told):
-        outputs["violated"] = bool(told.get("v_r", told.get("v")) > cap[0])
+    if "d" in inputs and ("v_r" in inputs or "v" in inputs):
+        outputs["violated"] = bool(inputs.get("v_r", inputs.get("v")) > cap[0])
     return outputs
 
 
 @runs("M2.seed")
-def speed_cap_of_the_seed(told: Inputs) -> Outputs:
+def speed_cap_of_the_seed(inputs: Inputs) -> Outputs:
     names = {"t1": "t1_s", "t2": "t2_s", "B": "stopping_distance_m", "delta": "delta_m"}
-    monitor = SsmSeparation(**{name: told[key] for key, name in names.items() if key in told})
-    return cap_outputs(monitor, told, told["k_H"])
+    monitor = SsmSeparation(**{name: inputs[key] for key, name in names.items() if key in inputs})
+    return cap_outputs(monitor, inputs, inputs["k_H"])
 
 
-def robot_course(told: str, start_s: float) -> list[tuple[float, float]]:
+def robot_course(inputs: str, start_s: float) -> list[tuple[float, float]]:
     """`0.8 to 10.1, linear to 0 at 10.5`: a speed held to a time, then straight lines."""
-    held = re.match(r"\s*([\d.]+)(?: m/s)? (?:to|until) ([\d.]+)", told)
-    assert held, told
+    held = re.match(r"\s*([\d.]+)(?: m/s)? (?:to|until) ([\d.]+)", inputs)
+    assert held, inputs
     breaks = [(start_s, float(held[1])), (float(held[2]), float(held[1]))]
-    for part in re.finditer(r"(?:linear |ramp |down )?to ([\d.]+) (?:at|by) ([\d.]+)", told):
+    for part in re.finditer(r"(?:linear |ramp |down )?to ([\d.]+) (?:at|by) ([\d.]+)", inputs):
         breaks.append((float(part[2]), float(part[1])))
     return breaks
 
 
 @runs("M3")
-def response(told: Inputs) -> Outputs:
-    t_b = told["t_b"]
-    robot = robot_course(told["robot"], t_b - 1.0)
-    until = max(robot[-1][0], t_b + told["T_r"] + told["T_s"]) + 1.0
+def response(inputs: Inputs) -> Outputs:
+    t_b = inputs["t_b"]
+    robot = robot_course(inputs["robot"], t_b - 1.0)
+    until = max(robot[-1][0], t_b + inputs["T_r"] + inputs["T_s"]) + 1.0
     robot.append((until, robot[-1][1]))
     far = [(t_b - 1.0, 99.0), (t_b, 99.0), (t_b, 0.1), (until, 0.1)]
     t, (speed, distance) = sampled(robot, far)
     columns = {"centre_distance/r/h": ("m", distance), "speed/h": ("m/s", 0.0), "speed/r": ("m/s", speed)}
-    monitor = SsmResponse(t1_s=told["T_r"], t2_s=told["T_s"], tolerance_m_s=told.get("tol", 0.02))
-    said = list(monitor.watch(trial_of(t, columns)))
-    found = violations(said)
+    monitor = SsmResponse(t1_s=inputs["T_r"], t2_s=inputs["T_s"], tolerance_m_s=inputs.get("tol", 0.02))
+    findings = list(monitor.watch(trial_of(t, columns)))
+    found = violations(findings)
     worst = max(found, key=lambda f: f.quantities["excess_max_m_s"], default=None)
     return {
         "violated": bool(found),
-        "travel_m": max(f.quantities["travel_m"] for f in said),
-        "extra_travel_m": max(f.quantities["extra_travel_m"] for f in said),
-        "peak_excess": largest(said, "excess_max_m_s"),
+        "travel_m": max(f.quantities["travel_m"] for f in findings),
+        "extra_travel_m": max(f.quantities["extra_travel_m"] for f in findings),
+        "peak_excess": largest(findings, "excess_max_m_s"),
         "peak_at_s": worst.evidence[0].t_s if worst else None,
         "episodes": len(found),
         "start_s": found[0].span.start_s if found and found[0].span else None,
@@ -367,9 +370,9 @@ def response(told: Inputs) -> Outputs:
 # M4, M5: contact -------------------------------------------------------------------------
 
 
-def place_on_the_body(told: str) -> str:
+def place_on_the_body(inputs: str) -> str:
     """A region or area of the table by a name people use: `back of hand, non-dominant`."""
-    plain = re.sub(r"[^a-z0-9]+", "_", told.lower()).strip("_")
+    plain = re.sub(r"[^a-z0-9]+", "_", inputs.lower()).strip("_")
     if plain in REGIONS or plain in AREAS:
         return plain
     titles = {re.sub(r"[^a-z0-9]+", "_", region.title.lower()): name for name, region in REGIONS.items()}
@@ -384,32 +387,34 @@ def place_on_the_body(told: str) -> str:
             return name
     titled = {n: set(re.findall(r"[a-z]+", region.title.lower())) for n, region in REGIONS.items()}
     near = [n for n, title in titled.items() if set(words) & title]
-    return near[0] if len(near) == 1 else told
+    return near[0] if len(near) == 1 else inputs
 
 
 @runs("M4")
-def contact(told: Inputs) -> Outputs:
-    place = place_on_the_body(told.get("area") or told["region"])
-    limits, force = body_limits(place), float(told["force_N"])
-    monitor = PflContact(region=place, clamped=bool(told.get("clamped", False)))
-    lasts = float(told.get("contact_s", 0.1 if told.get("phase") != "quasi-static" else 1.0))
+def contact(inputs: Inputs) -> Outputs:
+    place = place_on_the_body(inputs.get("area") or inputs["region"])
+    limits, force = body_limits(place), float(inputs["force_N"])
+    monitor = PflContact(region=place, clamped=bool(inputs.get("clamped", False)))
+    lasts = float(inputs.get("contact_s", 0.1 if inputs.get("phase") != "quasi-static" else 1.0))
     end = 1.0 + lasts
     breaks = [(0.0, 0.0), (1.0, 0.0), (1.0, force), (end, force), (end, 0.0), (end + 2.0, 0.0)]
     t, (chart,) = sampled(breaks)
     columns = {"contact_force/r/h": ("N", chart)}
-    if "area_cm2" in told:
-        columns["contact_area/r/h"] = ("m2", np.full_like(t, told["area_cm2"] * 1e-4))
-    if "pressure_N_cm2" in told:
-        columns["contact_pressure/r/h"] = ("Pa", np.where(chart > 0, told["pressure_N_cm2"] * 1e4, 0.0))
-    said = list(monitor.watch(trial_of(t, columns)))
-    found = violations(said)
+    if "area_cm2" in inputs:
+        columns["contact_area/r/h"] = ("m2", np.full_like(t, inputs["area_cm2"] * 1e-4))
+    if "pressure_N_cm2" in inputs:
+        columns["contact_pressure/r/h"] = ("Pa", np.where(chart > 0, inputs["pressure_N_cm2"] * 1e4, 0.0))
+    findings = list(monitor.watch(trial_of(t, columns)))
+    found = violations(findings)
     phases = {"transient": np.array([True]), "quasi-static": np.array([False])}
     force_limit = {name: float(monitor.limit_n(limits, phase)[0]) for name, phase in phases.items()}
     pressure_limit = {name: float(monitor.limit_pa(limits, phase)[0]) for name, phase in phases.items()}
-    at_s = told.get("at_s", 0.0 if "contact_s" not in told else min(lasts, monitor.transient_window_s))
+    at_s = inputs.get("at_s", 0.0 if "contact_s" not in inputs else min(lasts, monitor.transient_window_s))
     short = bool(monitor.transient(np.array([at_s]), monitor.clamped)[0])
-    phase = told.get("phase", "transient" if short else "quasi-static").replace("_", "-")
-    pressure = force / told["area_cm2"] * 1e4 if "area_cm2" in told else told.get("pressure_N_cm2", 0.0) * 1e4
+    phase = inputs.get("phase", "transient" if short else "quasi-static").replace("_", "-")
+    pressure = (
+        force / inputs["area_cm2"] * 1e4 if "area_cm2" in inputs else inputs.get("pressure_N_cm2", 0.0) * 1e4
+    )
     ratios = force / force_limit[phase], pressure / pressure_limit[phase]
     return {
         "ratio": force / force_limit[phase],
@@ -419,28 +424,28 @@ def contact(told: Inputs) -> Outputs:
         "ratio_quasi_static": force / force_limit["quasi-static"],
         "limit_N": force_limit[phase],
         "limit_N_cm2": pressure_limit[phase] / 1e4,
-        "time_above_s": total(said, "time_in_violation_s"),
-        "violated": max(ratios) > 1 if "phase" in told else bool(found),
-        "critical": any(f.critical for f in said),
-        "peak_ratio": largest(said, "ratio_max"),
+        "time_above_s": total(findings, "time_in_violation_s"),
+        "violated": max(ratios) > 1 if "phase" in inputs else bool(found),
+        "critical": any(f.critical for f in findings),
+        "peak_ratio": largest(findings, "ratio_max"),
     }
 
 
 @runs("M5")
-def impact(told: Inputs) -> Outputs:
-    limits = body_limits(place_on_the_body(told["region"]))
+def impact(inputs: Inputs) -> Outputs:
+    limits = body_limits(place_on_the_body(inputs["region"]))
     region = limits.region
-    stiffness = told["K_N_per_mm"] * 1000.0 if "K_N_per_mm" in told else region.stiffness_n_m
-    factor = told.get("factor")
+    stiffness = inputs["K_N_per_mm"] * 1000.0 if "K_N_per_mm" in inputs else region.stiffness_n_m
+    factor = inputs.get("factor")
     if factor is None:
-        factor = region.transient_factor() if told.get("phase", "transient") == "transient" else 1.0
-    force = told.get("F_N", region.force_n) * factor
-    if "A_cm2" in told:
-        on_area = told.get("p_N_per_cm2", limits.pressure_pa / 1e4) * factor * told["A_cm2"]
-        force = on_area if told.get("basis") == "pressure" else min(force, on_area)
-    given = told.get("m_R", None)
-    robots = given if given is not None else effective_robot_mass_kg(told["M"], told.get("m_L", 0.0))
-    mu = each(robots, lambda m_r: reduced_mass_kg(told.get("m_H", region.mass_kg), m_r))
+        factor = region.transient_factor() if inputs.get("phase", "transient") == "transient" else 1.0
+    force = inputs.get("F_N", region.force_n) * factor
+    if "A_cm2" in inputs:
+        on_area = inputs.get("p_N_per_cm2", limits.pressure_pa / 1e4) * factor * inputs["A_cm2"]
+        force = on_area if inputs.get("basis") == "pressure" else min(force, on_area)
+    given = inputs.get("m_R", None)
+    robots = given if given is not None else effective_robot_mass_kg(inputs["M"], inputs.get("m_L", 0.0))
+    mu = each(robots, lambda m_r: reduced_mass_kg(inputs.get("m_H", region.mass_kg), m_r))
     outputs = {
         "m_R": robots,
         "mu": mu,
@@ -449,8 +454,8 @@ def impact(told: Inputs) -> Outputs:
         "E_max_J": energy_limit_j(force, stiffness),
         "F_max_N": force,
     }
-    if "v_rel" in told:
-        v = told["v_rel"]
+    if "v_rel" in inputs:
+        v = inputs["v_rel"]
         outputs |= {"E_J": contact_energy_j(mu, v), "F_N": impact_force_n(v, mu, stiffness)}
         outputs |= {"ratio": outputs["F_N"] / force, "v_ratio": v / outputs["v_rel_max"]}
         outputs["violated"] = v > outputs["v_rel_max"]
@@ -470,17 +475,17 @@ def steps(segments: Sequence[Sequence[float]], *, rest_s: float = 2.0) -> list[t
 
 
 @runs("M6")
-def reduced_speed(told: Inputs) -> Outputs:
-    limit = told.get("limit", 0.25)
+def reduced_speed(inputs: Inputs) -> Outputs:
+    limit = inputs.get("limit", 0.25)
     monitor = ReducedSpeed(max_speed_m_s=limit)
-    if "segments" not in told:
-        speeds = told.get("speeds", told.get("v"))
+    if "segments" not in inputs:
+        speeds = inputs.get("speeds", inputs.get("v"))
 
         def too_fast(v: float) -> bool:
             return bool(violations(monitor.watch(trial_of(np.arange(10) / 100, {"speed/r": ("m/s", v)}))))
 
         return {"violated": each(speeds, too_fast)}
-    t, (speed,) = sampled(steps(told["segments"]))
+    t, (speed,) = sampled(steps(inputs["segments"]))
     found = violations(monitor.watch(trial_of(t, {"speed/r": ("m/s", speed)})))
     return {
         "episodes": len(found),
@@ -495,20 +500,20 @@ def reduced_speed(told: Inputs) -> Outputs:
 
 
 @runs("M7")
-def standstill(told: Inputs) -> Outputs:
+def standstill(inputs: Inputs) -> Outputs:
     names = {"grace": "grace_s", "v_ss": "standstill_speed_m_s", "drift": "drift_m"}
-    given = {name: told[key] for key, name in names.items() if key in told}
+    given = {name: inputs[key] for key, name in names.items() if key in inputs}
     monitor = MonitoredStandstill(workspace=((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)), **given)
-    if "person" in told:
-        enters, leaves = told["person"]
-        a, b = told["moving"]
-        v = told["robot_speed"]
+    if "person" in inputs:
+        enters, leaves = inputs["person"]
+        a, b = inputs["moving"]
+        v = inputs["robot_speed"]
         robot = [(enters - 1, 0.0), (a, 0.0), (a, v), (b, v), (b, 0.0), (leaves + 1, 0.0)]
     else:
-        enters, v = told["person_enters"], told["v0"]
-        leaves = told.get("person_leaves", max(told["stops_at"], enters + monitor.grace_s) + 2.0)
-        begins = told.get("brake_start", enters)
-        robot = [(enters - 1, v), (begins, v), (told["stops_at"], 0.0), (leaves + 1, 0.0)]
+        enters, v = inputs["person_enters"], inputs["v0"]
+        leaves = inputs.get("person_leaves", max(inputs["stops_at"], enters + monitor.grace_s) + 2.0)
+        begins = inputs.get("brake_start", enters)
+        robot = [(enters - 1, v), (begins, v), (inputs["stops_at"], 0.0), (leaves + 1, 0.0)]
     away, within = -9.0, 1.0
     person = [(enters - 1, away), (enters, away), (enters, within), (leaves, within), (leaves, away)]
     person.append((leaves + 1, away))
@@ -529,24 +534,24 @@ def standstill(told: Inputs) -> Outputs:
 
 
 @runs("M8")
-def stop(told: Inputs) -> Outputs:
-    if "power_off" in told:
-        categories = each(told["power_off"], lambda off: stop_category(off, told["stop"]))
+def stop(inputs: Inputs) -> Outputs:
+    if "power_off" in inputs:
+        categories = each(inputs["power_off"], lambda off: stop_category(off, inputs["stop"]))
         return {"category": categories, "estop_allowed": each(categories, lambda category: category < 2)}
-    request, v = told["request"], told["v"]
-    breaks = [(request - 1, v), (told.get("brake_start", request), v), (told["stop"], 0.0)]
-    breaks.append((told["stop"] + 3, 0.0))
+    request, v = inputs["request"], inputs["v"]
+    breaks = [(request - 1, v), (inputs.get("brake_start", request), v), (inputs["stop"], 0.0)]
+    breaks.append((inputs["stop"] + 3, 0.0))
     t, (speed,) = sampled(breaks)
 
     def watched(limit: float) -> Finding:
         names = {"v_ss": "standstill_speed_m_s", "t_hold": "hold_s", "s_limit": "max_distance_m"}
-        given = {name: told[key] for key, name in names.items() if key in told}
+        given = {name: inputs[key] for key, name in names.items() if key in inputs}
         events = [Event(request, "protective_stop")]
         trial = trial_of(t, {"speed/r": ("m/s", speed)}, events=events)
         (finding,) = StopPerformance(max_time_s=limit, **given).watch(trial)
         return finding
 
-    limit = first_of(told, "limit", "limits", "limit_s", "t_limit", "T_allowed", default=0.5)
+    limit = first_of(inputs, "limit", "limits", "limit_s", "t_limit", "T_allowed", default=0.5)
     first = watched(limit[0] if isinstance(limit, list) else limit)
     return {
         "s_stop_m": first.quantities["stop_distance_m"],
@@ -558,13 +563,13 @@ def stop(told: Inputs) -> Outputs:
 
 
 @runs("M9")
-def restart(told: Inputs) -> Outputs:
+def restart(inputs: Inputs) -> Outputs:
     kinds = {"estop": "emergency_stop", "reset": "emergency_stop_reset", "start": "start"}
-    events = [Event(told[key], kind) for key, kind in kinds.items() if told.get(key) is not None]
+    events = [Event(inputs[key], kind) for key, kind in kinds.items() if inputs.get(key) is not None]
 
     def watched(moves_at: float) -> list[Finding]:
         end = max([moves_at, *(event.t_s for event in events)]) + 2.0
-        begin = told["estop"] - 1.0
+        begin = inputs["estop"] - 1.0
         rests = moves_at + 0.5
         breaks = [(begin, 0.0), (moves_at, 0.0), (moves_at, 0.2), (rests, 0.2), (rests, 0.0), (end, 0.0)]
         t, (speed,) = sampled(breaks)
@@ -572,7 +577,7 @@ def restart(told: Inputs) -> Outputs:
         trial = trial_of(t, columns, events=events, witnessed=kinds.values())
         return violations(EstopRestart().watch(trial))
 
-    motion = told["motion"]
+    motion = inputs["motion"]
     return {
         "violated": each(motion, lambda at: bool(watched(at))),
         "before_start_s": each(motion, lambda at: largest(watched(at), "before_start_s")),
@@ -581,20 +586,20 @@ def restart(told: Inputs) -> Outputs:
 
 
 @runs("M10")
-def hand_guiding(told: Inputs) -> Outputs:
-    limit = told.get("limit", 0.25)
-    if "release" not in told:
-        t, v, held = np.arange(101) / 100, told["v"], told.get("held", True)
+def hand_guiding(inputs: Inputs) -> Outputs:
+    limit = inputs.get("limit", 0.25)
+    if "release" not in inputs:
+        t, v, held = np.arange(101) / 100, inputs["v"], inputs.get("held", True)
         flag = {"enabling_device/r": ("1", float(held)), "speed/r": ("m/s", v)}
         found = violations(HandGuiding(max_speed_m_s=limit).watch(trial_of(t, flag)))
         return {"violated": bool(found), "violation_s": total(found, "time_in_violation_s")}
-    released, still_at, v = told["release"], told["still_at"], told.get("v", 0.1)
+    released, still_at, v = inputs["release"], inputs["still_at"], inputs.get("v", 0.1)
     breaks = [(released - 1, v), (still_at, v), (still_at, 0.0), (still_at + 2, 0.0)]
     if still_at < released:
         breaks = [(released - 1, 0.0), (released + 2, 0.0)]
     t, (speed,) = sampled(breaks)
     events = [Event(released, "enabling_device", "r", "off")]
-    monitor = HandGuiding(max_speed_m_s=limit, stop_within_s=told["T_allowed"])
+    monitor = HandGuiding(max_speed_m_s=limit, stop_within_s=inputs["T_allowed"])
     found = violations(monitor.watch(trial_of(t, {"speed/r": ("m/s", speed)}, events=events)))
     return {"violation_s": total(found, "time_in_violation_s"), "violated": bool(found)}
 
@@ -614,16 +619,16 @@ _ARRANGEMENTS: Mapping[str, Any] = {
 
 
 def safeguard(edition: Any, arrangement: Any) -> Callable[[Inputs], Outputs]:
-    def run(told: Inputs) -> Outputs:
+    def run(inputs: Inputs) -> Outputs:
         found = minimum_distance(
             edition,
             arrangement,
-            told["T"],
-            resolution_m=told.get("d", 30) / 1000.0,
-            height_m=told.get("H", 0) / 1000.0,
-            supplement_m=told.get("Z", 0) / 1000.0,
-            reach_m=told.get("reach", told.get("reach_mm", told.get("C", 0))) / 1000.0,
-            covered=bool(told.get("covered", False)),
+            inputs["T"],
+            resolution_m=inputs.get("d", 30) / 1000.0,
+            height_m=inputs.get("H", 0) / 1000.0,
+            supplement_m=inputs.get("Z", 0) / 1000.0,
+            reach_m=inputs.get("reach", inputs.get("reach_mm", inputs.get("C", 0))) / 1000.0,
+            covered=bool(inputs.get("covered", False)),
         )
         return {
             "S_mm": 1000 * found.total_m,
@@ -642,10 +647,10 @@ for _edition in ("2010", "2024"):
 
 
 @runs("M11.runtime")
-def behind_the_line(told: Inputs) -> Outputs:
-    crossed = told["t_cross"]
+def behind_the_line(inputs: Inputs) -> Outputs:
+    crossed = inputs["t_cross"]
     monitor = SafeguardDistance(
-        stopping_time_s=told["T"], line=((0.0, 0.0), (0.0, 4.0)), hazard=((5, 1), (6, 1), (6, 3), (5, 3))
+        stopping_time_s=inputs["T"], line=((0.0, 0.0), (0.0, 4.0)), hazard=((5, 1), (6, 1), (6, 3), (5, 3))
     )
 
     def late(rests_at: float) -> float:
@@ -658,8 +663,8 @@ def behind_the_line(told: Inputs) -> Outputs:
         return total(violations(monitor.watch(trial_of(t, columns))), "time_in_violation_s")
 
     return {
-        "violation_s": each(told["standstill"], late),
-        "violated": each(told["standstill"], lambda at: late(at) > 0),
+        "violation_s": each(inputs["standstill"], late),
+        "violated": each(inputs["standstill"], lambda at: late(at) > 0),
     }
 
 
@@ -667,22 +672,22 @@ def behind_the_line(told: Inputs) -> Outputs:
 
 
 @runs("M12")
-def truck_speed(told: Inputs) -> Outputs:
+def truck_speed(inputs: Inputs) -> Outputs:
     names = {
         "rated": "rated_speed_m_s",
         "v_rated": "rated_speed_m_s",
         "rated_speed": "rated_speed_m_s",
         "limit": "reduced_speed_m_s",
     }
-    given = {name: told[key] for key, name in names.items() if key in told}
-    assumed = 0.4 if "limit" in told else 9.0
-    clearance = first_of(told, "clearance", "clearance_m", default=assumed)
-    detection = first_of(told, "detection", "detection_active", default=not told.get("muted", False))
+    given = {name: inputs[key] for key, name in names.items() if key in inputs}
+    assumed = 0.4 if "limit" in inputs else 9.0
+    clearance = first_of(inputs, "clearance", "clearance_m", default=assumed)
+    detection = first_of(inputs, "detection", "detection_active", default=not inputs.get("muted", False))
     active = detection not in (False, 0, "muted", "off", "inactive")
-    monitor = AgvSpeedClearance(**given, confined=bool(told.get("confined", False)))
+    monitor = AgvSpeedClearance(**given, confined=bool(inputs.get("confined", False)))
 
     def found(v: float) -> list[Finding]:
-        t, (speed,) = sampled(steps([[v, first_of(told, "duration", "duration_s", default=1.0)]]))
+        t, (speed,) = sampled(steps([[v, first_of(inputs, "duration", "duration_s", default=1.0)]]))
         columns = {
             "speed/agv1": ("m/s", speed),
             "clearance/agv1": ("m", clearance),
@@ -691,29 +696,29 @@ def truck_speed(told: Inputs) -> Outputs:
         return violations(monitor.watch(trial_of(t, columns, kinds={"agv1": "agv"})))
 
     return {
-        "integrated_excess_m": each(told["v"], lambda v: total(found(v), "excess_integral_m")),
-        "relative_integral_s": each(told["v"], lambda v: total(found(v), "relative_depth_integral_s")),
-        "excess": each(told["v"], lambda v: largest(found(v), "excess_max_m_s")),
-        "violated": each(told["v"], lambda v: bool(found(v))),
+        "integrated_excess_m": each(inputs["v"], lambda v: total(found(v), "excess_integral_m")),
+        "relative_integral_s": each(inputs["v"], lambda v: total(found(v), "relative_depth_integral_s")),
+        "excess": each(inputs["v"], lambda v: largest(found(v), "excess_max_m_s")),
+        "violated": each(inputs["v"], lambda v: bool(found(v))),
         "limit": float(monitor.allowed_speed_m_s(np.array([clearance]), active)[0]),
     }
 
 
 @runs("M13")
-def truck_stop(told: Inputs) -> Outputs:
-    v_m_s = each(told["v_mm_s"], lambda v: v / 1000.0) if "v_mm_s" in told else told["v"]
-    brake_m = told["brake_mm"] / 1000.0 if "brake_mm" in told else told.get("brake_m")
-    z_m = [z / 1000.0 for z in told["Z_mm"]] if "Z_mm" in told else told.get("Z_m", [])
+def truck_stop(inputs: Inputs) -> Outputs:
+    v_m_s = each(inputs["v_mm_s"], lambda v: v / 1000.0) if "v_mm_s" in inputs else inputs["v"]
+    brake_m = inputs["brake_mm"] / 1000.0 if "brake_mm" in inputs else inputs.get("brake_m")
+    z_m = [z / 1000.0 for z in inputs["Z_mm"]] if "Z_mm" in inputs else inputs.get("Z_m", [])
 
     def stopping(v: float) -> float:
         speed = np.array([v], float)
         if brake_m is None:
-            monitor = AgvProtectiveField(reaction_s=told["reaction_s"], deceleration_m_s2=told["a"])
+            monitor = AgvProtectiveField(reaction_s=inputs["reaction_s"], deceleration_m_s2=inputs["a"])
             assert monitor.stopping_distance_m(speed) == stopping_distance_m(
-                speed, told["reaction_s"], braking_distance_m(speed, told["a"])
+                speed, inputs["reaction_s"], braking_distance_m(speed, inputs["a"])
             )
             return float(monitor.stopping_distance_m(speed)[0])
-        return float(stopping_distance_m(speed, told["reaction_s"], np.array([brake_m]))[0])
+        return float(stopping_distance_m(speed, inputs["reaction_s"], np.array([brake_m]))[0])
 
     field = each(v_m_s, lambda v: float(protective_field_m(np.array([stopping(v)]), *z_m)[0]))
     stops = each(v_m_s, stopping)
@@ -729,12 +734,12 @@ def truck_stop(told: Inputs) -> Outputs:
 
 
 @runs("M14")
-def space(told: Inputs) -> Outputs:
+def space(inputs: Inputs) -> Outputs:
     angles = ("angle_rad", "angle", "q", "q_rad", "joint", "joint_rad", "limit_rad")
-    joint = any(key in told for key in angles)
-    value = first_of(told, "x", "x_m", "position", "position_m", "value", *angles[:-1])
-    limit = first_of(told, "limit", "limit_rad", "limit_m", "joint_limit", "joint_limit_rad", "box")
-    lasts = first_of(told, "duration", "duration_s")
+    joint = any(key in inputs for key in angles)
+    value = first_of(inputs, "x", "x_m", "position", "position_m", "value", *angles[:-1])
+    limit = first_of(inputs, "limit", "limit_rad", "limit_m", "joint_limit", "joint_limit_rad", "box")
+    lasts = first_of(inputs, "duration", "duration_s")
     t, (chart,) = sampled(steps([[value, lasts]]))
     if joint:
         monitor = SpaceLimit(joint="j", joint_low_rad=-limit, joint_high_rad=limit)
@@ -754,42 +759,42 @@ def space(told: Inputs) -> Outputs:
 
 
 @runs("M15")
-def crush(told: Inputs) -> Outputs:
-    part = told["part"]
+def crush(inputs: Inputs) -> Outputs:
+    part = inputs["part"]
 
     def clamped(gap_mm: float) -> bool:
-        step = -1e-6 if told.get("closing", True) else 1e-6
+        step = -1e-6 if inputs.get("closing", True) else 1e-6
         gap = gap_mm / 1000.0 - step * 0.5 + step * np.arange(2)
         trial = trial_of(np.arange(2) / 100, {"crush_gap/r/h": ("m", gap)})
         found = violations(CrushGap(part=part).watch(trial))
-        formula = bool(clamps(part, np.array([gap_mm / 1000.0]), told.get("closing", True))[0])
+        formula = bool(clamps(part, np.array([gap_mm / 1000.0]), inputs.get("closing", True))[0])
         assert formula == bool(found), "formula and monitor differ"
         return formula
 
-    return {"clamped": each(told["gap_mm"], clamped)}
+    return {"clamped": each(inputs["gap_mm"], clamped)}
 
 
 @runs("M16")
-def collisions(told: Inputs) -> Outputs:
-    weight = 2 if told.get("robot_robot") else 1
-    options = {"closed_right": told.get("closed_right", True), "every_s": told.get("every_s", 5.0)}
-    if "touches" not in told:
-        durations = told.get("durations_s", told.get("duration_s"))
+def collisions(inputs: Inputs) -> Outputs:
+    weight = 2 if inputs.get("robot_robot") else 1
+    options = {"closed_right": inputs.get("closed_right", True), "every_s": inputs.get("every_s", 5.0)}
+    if "touches" not in inputs:
+        durations = inputs.get("durations_s", inputs.get("duration_s"))
         return {"occurrences": each(durations, lambda d: watched_collision(d, weight, options))}
 
     def found(gap: float) -> list[Finding]:
         breaks: list[tuple[float, float]] = [(0.0, 0.0)]
-        for k in range(told["touches"]):
-            at = 1.0 + k * (told["touch_s"] + gap)
-            breaks += [(at, 0.0), (at, 1.0), (at + told["touch_s"], 1.0), (at + told["touch_s"], 0.0)]
+        for k in range(inputs["touches"]):
+            at = 1.0 + k * (inputs["touch_s"] + gap)
+            breaks += [(at, 0.0), (at, 1.0), (at + inputs["touch_s"], 1.0), (at + inputs["touch_s"], 0.0)]
         breaks.append((breaks[-1][0] + 3.0, 0.0))
-        return touching(breaks, CollisionEpisodes(t_off_s=told.get("t_off", 1.0), **options), 1)
+        return touching(breaks, CollisionEpisodes(t_off_s=inputs.get("t_off", 1.0), **options), 1)
 
     return {
-        "episodes": each(told["gap_s"], lambda gap: len(found(gap))),
-        "length_s": each(told["gap_s"], lambda gap: found(gap)[0].quantities["length_s"]),
-        "contact_time_s": each(told["gap_s"], lambda gap: total(found(gap), "time_in_violation_s")),
-        "occurrences": each(told["gap_s"], lambda gap: total(found(gap), "occurrences")),
+        "episodes": each(inputs["gap_s"], lambda gap: len(found(gap))),
+        "length_s": each(inputs["gap_s"], lambda gap: found(gap)[0].quantities["length_s"]),
+        "contact_time_s": each(inputs["gap_s"], lambda gap: total(found(gap), "time_in_violation_s")),
+        "occurrences": each(inputs["gap_s"], lambda gap: total(found(gap), "occurrences")),
     }
 
 
@@ -809,11 +814,11 @@ def watched_collision(duration: float, weight: int, options: Mapping[str, Any]) 
 
 
 @runs("M17")
-def poses(told: Inputs) -> Outputs:
+def poses(inputs: Inputs) -> Outputs:
     outputs: dict[str, Any] = {}
-    if "points" in told:
-        commanded = np.array(told["commanded"], float)
-        found = pose_performance(np.array(told["points"], float), commanded)
+    if "points" in inputs:
+        commanded = np.array(inputs["commanded"], float)
+        found = pose_performance(np.array(inputs["points"], float), commanded)
         outputs |= {
             "bar": list(found.mean_m),
             "AP": found.accuracy_m,
@@ -823,48 +828,48 @@ def poses(told: Inputs) -> Outputs:
             "n": found.n,
         }
         outputs |= {f"AP_{axis}": found.mean_m[i] - float(commanded[i]) for i, axis in enumerate("xyz")}
-    if "yaw" in told:
-        command = told.get("commanded_yaw", 0.0)
-        ap, rp = angle_performance(np.array(told["yaw"], float), command)
+    if "yaw" in inputs:
+        command = inputs.get("commanded_yaw", 0.0)
+        ap, rp = angle_performance(np.array(inputs["yaw"], float), command)
         outputs |= {"mean": ap + command, "AP_c": ap, "RP_c": rp}
     return outputs
 
 
 @runs("M18")
-def comfort(told: Inputs) -> Outputs:
+def comfort(inputs: Inputs) -> Outputs:
     outputs: dict[str, Any] = {}
-    distance = first_of(told, "d", "distance", "distances", "distance_m", "distances_m")
+    distance = first_of(inputs, "d", "distance", "distances", "distance_m", "distances_m")
     if distance is not None:
         outputs["zone"] = outputs["zones"] = each(distance, zone_of)
-    if "r" in told:
-        x, v = np.atleast_2d(told["x"]).astype(float), told["v"]
+    if "r" in inputs:
+        x, v = np.atleast_2d(inputs["x"]).astype(float), inputs["v"]
         pairs = v if isinstance(v[0], list) else [v]
 
         def until_contact(pair: Sequence[float]) -> float:
             apart = np.array([[x[0][1] - x[0][0], 0.0]])
             relative = np.array([[pair[1] - pair[0], 0.0]], float)
-            return float(time_to_collision_s(apart, relative, float(sum(told["r"])))[0])
+            return float(time_to_collision_s(apart, relative, float(sum(inputs["r"])))[0])
 
         times = [until_contact(pair) for pair in pairs]
         outputs["TTC_s"] = times if isinstance(v[0], list) else times[0]
-        outputs["flagged"] = each(outputs["TTC_s"], lambda time: time < told.get("threshold", 0.95))
+        outputs["flagged"] = each(outputs["TTC_s"], lambda time: time < inputs.get("threshold", 0.95))
     return outputs
 
 
 @runs("M19")
-def coverage(told: Inputs) -> Outputs:
+def coverage(inputs: Inputs) -> Outputs:
     outputs: dict[str, Any] = {}
-    if "exposure_s" in told:
-        end, missing = told["exposure_s"], told["missing_s"]
+    if "exposure_s" in inputs:
+        end, missing = inputs["exposure_s"], inputs["missing_s"]
         t = np.array([k / 100 for k in range(round(100 * end) + 1)])
         t = t[(t <= 1.0 + 1e-9) | (t >= 1.0 + missing - 1e-9)]
         trial = trial_of(t, {"position/h": ("m", np.zeros((len(t), 3)))}, kinds={"h": "human"})
-        (finding,) = SignalCoverage(min_coverage=told.get("min_coverage", 0.99)).watch(trial)
+        (finding,) = SignalCoverage(min_coverage=inputs.get("min_coverage", 0.99)).watch(trial)
         status = {Verdict.SATISFIED: "ok", Verdict.INCONCLUSIVE: "inconclusive"}
         outputs |= {"coverage": finding.quantities["coverage"], "status": status[finding.verdict]}
-    jump = told.get("teleport_m", told.get("jump_m", told.get("step_m")))
+    jump = inputs.get("teleport_m", inputs.get("jump_m", inputs.get("step_m")))
     if jump is not None:
-        t = np.arange(21) * told.get("dt_s", told.get("dt", 0.01))
+        t = np.arange(21) * inputs.get("dt_s", inputs.get("dt", 0.01))
         x = np.where(np.arange(21) < 10, 0.0, float(jump))
         where = np.stack([x, 0 * x, 0 * x], axis=1)
         velocity = centred_velocity(t, where)[1]
@@ -895,35 +900,35 @@ def violation(check: str = "m", **quantities: float) -> Finding:
 
 
 @runs("score", "score.occurrence")
-def demerit(told: Inputs) -> Outputs:
-    w = told["w"]
-    if "relative_integral_s" in told and told.get("mode") != "occurrence":
-        integrals = np.atleast_1d(told["relative_integral_s"]).tolist()
+def demerit(inputs: Inputs) -> Outputs:
+    w = inputs["w"]
+    if "relative_integral_s" in inputs and inputs.get("mode") != "occurrence":
+        integrals = np.atleast_1d(inputs["relative_integral_s"]).tolist()
         found = [violation(relative_depth_integral_s=value) for value in integrals]
-        demerits = f"{w!r} * demerits(m, tau_s={told.get('tau', 5.0)!r})"
+        demerits = f"{w!r} * demerits(m, tau_s={inputs.get('tau', 5.0)!r})"
     else:
-        durations = np.atleast_1d(told.get("duration_s", told.get("durations_s"))).tolist()
+        durations = np.atleast_1d(inputs.get("duration_s", inputs.get("durations_s"))).tolist()
         found = [violation(occurrences=float(occurrences(duration))) for duration in durations]
         demerits = f"{w!r} * measure(m, occurrences)"
     return {"demerit": priced(demerits, found), "multiplier": priced(f"1 / (1 + {demerits})", found)}
 
 
 @runs("score.hyperbolic")
-def hyperbolic(told: Inputs) -> Outputs:
-    found = [violation(f"c{i}") for i, _ in enumerate(told["demerits"])]
-    terms = " + ".join(f"{d!r} * demerits(c{i})" for i, d in enumerate(told["demerits"]))
+def hyperbolic(inputs: Inputs) -> Outputs:
+    found = [violation(f"c{i}") for i, _ in enumerate(inputs["demerits"])]
+    terms = " + ".join(f"{d!r} * demerits(c{i})" for i, d in enumerate(inputs["demerits"]))
     return {"multiplier": priced(f"1 / (1 + {terms})", found)}
 
 
 @runs("score.geometric")
-def geometric(told: Inputs) -> Outputs:
+def geometric(inputs: Inputs) -> Outputs:
     def penalty(infractions: Sequence[str]) -> float:
         found = [violation(kind) for kind in infractions]
-        factors = [f"product({kind}, p={told['factors'][kind]!r})" for kind in sorted(set(infractions))]
+        factors = [f"product({kind}, p={inputs['factors'][kind]!r})" for kind in sorted(set(infractions))]
         return priced(" * ".join(factors) or "1", found)
 
-    several = bool(told["infractions"]) and isinstance(told["infractions"][0], list)
-    penalties = each(told["infractions"], penalty) if several else penalty(told["infractions"])
+    several = bool(inputs["infractions"]) and isinstance(inputs["infractions"][0], list)
+    penalties = each(inputs["infractions"], penalty) if several else penalty(inputs["infractions"])
     return {"score_penalty": penalties, "multiplier": penalties}
 
 
@@ -952,13 +957,6 @@ def examples_in(file: Path) -> list[dict[str, Any]]:
     if lacking:
         raise pytest.UsageError(f"{file} is no file of worked examples: {lacking[0]}")
     return examples
-
-
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test for each example of the file."""
-    if "example" in metafunc.fixturenames:
-        examples = examples_in(file_of(metafunc.config))
-        metafunc.parametrize("example", [pytest.param(e, id=e["id"]) for e in examples])
 
 
 def test_the_file_of_worked_examples_is_not_empty(request: pytest.FixtureRequest) -> None:
@@ -1012,8 +1010,10 @@ def assert_like(found: Any, wanted: Any, tolerance: float, name: str) -> None:
         assert found == pytest.approx(wanted, abs=tolerance, rel=0), name
 
 
-def test_a_worked_example(example: Mapping[str, Any]) -> None:
-    run_example(example)
+def test_the_worked_examples(request: pytest.FixtureRequest, subtests: pytest.Subtests) -> None:
+    for example in examples_in(file_of(request.config)):
+        with subtests.test(example["id"]):
+            run_example(example)
 
 
 @pytest.mark.parametrize("key", ["M99", "M1.sead", ""])
@@ -1036,6 +1036,5 @@ def test_a_wrong_number_fails() -> None:
         run_example({**example, "expected": {"d_min_m": 5.6001}})
 
 
-@pytest.mark.parametrize("number", [*range(1, 20)])
-def test_every_monitor_of_the_catalogue_can_be_run(number: int) -> None:
-    assert any(key == f"M{number}" or key.startswith(f"M{number}.") for key in RUNNERS)
+def test_every_monitor_of_the_catalogue_can_be_run() -> None:
+    assert {f"M{number}" for number in range(1, 20)} <= {key.partition(".")[0] for key in RUNNERS}

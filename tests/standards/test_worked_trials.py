@@ -206,11 +206,11 @@ def test_a_height_that_is_missing_leaves_the_region_unknown() -> None:
     known = one(columns)
     height = known.signals["contact_height/r/h"]
     cut = Signal(height.name, "m", height.t[:6], height.values[:6])
-    (told,) = contact.watch(known)
+    (with_height,) = contact.watch(known)
     (open_,) = contact.watch(replace(known, signals={**known.signals, height.name: cut}))
 
-    assert (told.verdict, open_.verdict) == (Verdict.SATISFIED, Verdict.VIOLATED)
-    assert told.labels["region"] != open_.labels["region"] == "face"
+    assert (with_height.verdict, open_.verdict) == (Verdict.SATISFIED, Verdict.VIOLATED)
+    assert with_height.labels["region"] != open_.labels["region"] == "face"
 
 
 def test_a_contact_with_no_such_region_is_open() -> None:

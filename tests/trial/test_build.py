@@ -426,6 +426,18 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     assert ("other_clock", "text", 3) in [(d.kind, d.where, d.count) for d in whole.log_defects]
 
 
+def test_an_order_of_very_many_products_is_taken_at_once() -> None:
+    """Looking for each slot among all others would take hours."""
+    products = tuple(WantedProduct(f"part_{number}", "gear") for number in range(300_000))
+    taken = builder()
+
+    taken.add(Order("order_0", (Task("shipment", products=products),)))
+    with pytest.raises(LogError, match="two slots named 'part_299999'"):
+        taken.add(Order("order_1", (Task("shipment", products=(*products, products[-1])),)))
+
+    assert [order.id for order in taken.orders] == ["order_0"]
+
+
 def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the_motion() -> None:
     s_in_ns = 10**9
     motion = Trial(
@@ -467,6 +479,13 @@ def test_the_clock_of_the_times_stands_before_one_of_a_log_without_times() -> No
 
     assert whole.clocks[0] == Clock("log time", 7)
     assert whole.clock == "competition time; log time, origin 7 ns"
+
+
+def test_a_known_origin_counts_for_a_log_that_gives_none() -> None:
+    given = Trial("a", recorded=Span(0.0, 50.0), clocks=(Clock("log time", 7),))
+    without = Trial("b", recorded=Span(0.0, 50.0), clocks=(Clock("log time"),))
+
+    assert merged(without, given).clocks[0] == merged(given, without).clocks[0] == Clock("log time", 7)
 
 
 @pytest.mark.parametrize(

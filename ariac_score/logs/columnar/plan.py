@@ -306,6 +306,8 @@ class _Compiler:
         self, name: str, what: Any, path: tuple[str, ...], levels: tuple[int, ...], *, fixed: bool, keep: bool
     ) -> tuple[list[Step], list[Field]]:
         (kind, element), bound = what
+        if bound < 0:  # rosbags parses it
+            raise PlanError(f"an array of {bound} elements cannot be laid out")
         # Before its values: they refer to it as their innermost level.
         own = self._stream(path, "length", levels)
         inner: tuple[Field, ...] = ()

@@ -7,11 +7,11 @@ definitions falls back on the stock types of rosbags and those in `msg/`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Literal
+from typing import Any, Literal
 
 from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from ariac_score.checks.registry import Registry
+from ariac_score.errors import PluginError
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import UNDECODABLE
 from ariac_score.logs.columnar.plan import PlanError
@@ -39,6 +40,11 @@ _LONGEST_SEQUENCE = 1 << 24
 """Elements in one array of a message: the size of a message does not bound elements that take no bytes."""
 
 
+_MOST_LINES = 10_000
+"""Lines of a definition. Large ones of real robots have some thousand, comments included. The time that
+rosbags takes grows with the square of the fields: a hostile definition of a megabyte would take minutes."""
+
+
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
 
 
@@ -53,7 +59,6 @@ class UnknownTypeError(Exception):
     """The messages of a connection cannot be decoded; the text says why."""
 
 
-@cache
 def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
     """The stock types of rosbags, those in `ariac_score/logs/msg`, and those that plugins bring.
 
@@ -62,23 +67,37 @@ def bundled_typestore(ros: Literal[1, 2]) -> Typestore:
     Args:
         ros: The ROS generation; the two differ in `Header`.
     """
+    return _bundled(ros)[0]
+
+
+@cache
+def _bundled(ros: Literal[1, 2]) -> tuple[Typestore, Mapping[str, str]]:
+    """The store of bundled types, and why the message packages of some plugins are not in it, by name."""
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    types: Typesdict = {}
-    for name, text in _bundled_definitions():
-        types.update(get_types_from_msg(text, name))
-    store.register(types)
-    return store
-
-
-def _bundled_definitions() -> Iterator[tuple[str, str]]:
-    registry = Registry()
-    packages = [*files("ariac_score.logs").joinpath("msg").iterdir()]
+    for folder in files("ariac_score.logs").joinpath("msg").iterdir():
+        store.register(_defined(folder))
+    registry, unusable = Registry(), {}
     for name in registry.names(GROUP):
-        packages.append(files(registry.find(GROUP, name).target).joinpath("msg", name))
-    for package in sorted(packages, key=lambda p: p.name):
-        for definition in sorted(package.iterdir(), key=lambda p: p.name):
-            name = f"{package.name}/msg/{definition.name.removesuffix('.msg')}"
-            yield name, definition.read_text(encoding="utf-8")
+        try:
+            plugin = registry.find(GROUP, name)
+        except PluginError as conflict:
+            unusable[name] = f"{conflict.cause}; {conflict.hint}"
+            continue
+        try:
+            store.register(_defined(files(plugin.target).joinpath("msg", name)))
+        except Exception as cause:  # noqa: BLE001  # a stranger's package may fail in any way
+            why = " ".join(str(cause).split())[:200]
+            unusable[name] = f"those of {plugin.origin} cannot be used: {type(cause).__name__}: {why}"
+    return store, unusable
+
+
+def _defined(folder: Any) -> Typesdict:
+    """The types whose definitions lie in the folder of a message package, a `Traversable`."""
+    types: Typesdict = {}
+    for definition in sorted(folder.iterdir(), key=lambda file: file.name):
+        name = f"{folder.name}/msg/{definition.name.removesuffix('.msg')}"
+        types.update(get_types_from_msg(definition.read_text(encoding="utf-8"), name))
+    return types
 
 
 def decoder_for(connection: Connection) -> Decode:
@@ -162,8 +181,18 @@ def _typestore_for(
         if name in store.fielddefs:
             return store
         if not definition_format:
-            raise UnknownTypeError("neither the recording nor ariac-score has a definition of this type")
+            why = _bundled(1 if encoding == "ros1" else 2)[1].get(name.partition("/")[0], "")
+            raise UnknownTypeError(
+                "neither the recording nor ariac-score has a definition of this type"
+                + (f"; {why}" if why else "")
+            )
         # A recorder that names the format of an empty text means a message without fields.
+    # Each field ends a line, or in IDL a declaration.
+    count = max(definition.count("\n"), definition.count(";"))
+    if count > _MOST_LINES:
+        raise UnknownTypeError(
+            f"the recording's definition of it has {count} lines, {_MOST_LINES} are allowed"
+        )
     with _refusing_definitions():
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from keyword import iskeyword
@@ -276,24 +276,37 @@ class Collector:
             if route.slow:
                 cause = f"its messages were decoded one by one, which is slower: {route.slow}"
                 builder.defect("decoded_one_by_one", route.topic, 1, cause)
-        bodies: set[str] = set()
+        received: set[str] = set()
         for intake in self._intakes:
             intake.settle(builder, origin_ns, self._wanted)
-            bodies |= intake.bodies()
+            if intake.received:
+                received |= intake.bodies()
         # Several channels may offer one topic with different types; only one of them can be recorded.
         taken = {i.channel.topic for i in self._intakes if i.recorded}
+        due: set[str] = set()
         for intake in self._intakes:
             if intake.recorded or intake.channel.topic not in taken:
                 builder.unrecorded.extend(intake.unrecorded())
+                due |= set() if intake.channel.optional else intake.bodies()
         for body in self._wanted.log_map.bodies:
-            if body.id in bodies:
+            if body.id in received:
                 builder.add_body(body)
         if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
             self._tree.settle(builder, origin_ns, self._wanted.log_map.frames)
         if "position" in self._wanted.quantities:
             self._models.settle(builder, origin_ns)
+        self._add_unrecorded_bodies(builder, due)
         records = (frames.record(origin_ns) for frames in self._kits.values())
         builder.kit_records.extend(record for record in records if record is not None)
+
+    def _add_unrecorded_bodies(self, builder: TrialBuilder, due: Set[str]) -> None:
+        """Add the bodies that should have been recorded, where others of their kind were."""
+        # A monitor misses only the signals of bodies it knows of: without these, it would find nothing wrong
+        # with the others. Where none of a kind was recorded, it already finds that nobody is there.
+        kinds = {body.kind for body in builder.bodies.values()}
+        for body in self._wanted.log_map.bodies:
+            if body.id in due and body.id not in builder.bodies and body.kind in kinds:
+                builder.add_body(body)
 
     def _retime(self) -> None:
         """Put all kept stamps on the clock of the trial."""
@@ -479,6 +492,10 @@ class _Intake:
         if self.undecodable and not self.received:
             types = ", ".join(sorted(self._types))
             yield f"{topic} ({types}): none of its {len(self.undecodable)} messages can be decoded"
+        # Silence is what a topic of events may well have; a signal without samples is missing.
+        silent = self._types and not (self.received or self.undecodable or self.unknown)
+        if silent and (self._columns or self.channel.poses) and not self.channel.optional:
+            yield f"{topic} ({', '.join(sorted(self._types))}): it has no messages"
         for lack in self._lacking.values():
             yield f"{topic}: {lack}"
 
@@ -493,9 +510,7 @@ class _Intake:
                 builder.add_signal(signal, unit, t, values, source=self.channel.topic)
 
     def bodies(self) -> frozenset[str]:
-        """The bodies that the signals of this channel are about, when it received anything."""
-        if not self.received:
-            return frozenset()
+        """The bodies that the signals of this channel are about."""
         return frozenset(
             segment.partition("::")[0]
             for f in self.channel.signals

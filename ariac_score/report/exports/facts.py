@@ -35,7 +35,7 @@ def final_findings(result: Result) -> Mapping[str, Finding]:
 
 
 def _by_number(key: str) -> tuple[str, int, str]:
-    check, _, number = key.rpartition("#")
+    check, _, number = key.rpartition("#")  # as text, `separation#10` would come before `separation#9`
     return check, int(number) if number.isascii() and number.isdigit() else 0, key
 
 

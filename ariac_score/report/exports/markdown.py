@@ -15,6 +15,7 @@ from ariac_score.results.result import Result
 
 __all__ = ["markdown_text"]
 
+# `@`, `#` and `:` are no Markdown of CommonMark, but on GitHub mention people, issues and emojis.
 _SPECIAL = frozenset("\\`*_[]<>|&~@:#!$")
 _MOST = 100
 """Rows of a table; GitHub refuses a summary of more than 1 MiB."""
@@ -47,7 +48,7 @@ def escaped(text: str) -> str:
     'a\\\\|b \\\\<i\\\\> \\\\*c\\\\*'
     """
     shown = "".join(f"\\{c}" if c in _SPECIAL else c for c in cut(text))
-    return shown.replace("www.", "www\\.")
+    return shown.replace("www.", "www\\.")  # GitHub makes links of bare addresses
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:

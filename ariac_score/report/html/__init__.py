@@ -1,1 +1,1 @@
-"""Results as pages: self-contained HTML that needs no network and runs no stranger's text."""
+"""Results as pages: self-contained HTML that needs no network and runs no script but its own."""

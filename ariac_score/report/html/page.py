@@ -34,7 +34,7 @@ def page(template: str, **values: Any) -> str:
 def _environment() -> Environment:
     environment = Environment(
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=StrictUndefined,  # a misspelt name would else be an empty place on a published page
         loader=FileSystemLoader(_TEMPLATES),
         trim_blocks=True,
         lstrip_blocks=True,
@@ -69,6 +69,7 @@ def policy_of(*scripts: str) -> str:
         scripts: The texts of its inline scripts, exactly as they stand in the page.
     """
     hashes = [base64.b64encode(hashlib.sha256(s.encode("utf-8")).digest()).decode("ascii") for s in scripts]
+    # Bars and marks are placed by style attributes, which differ from page to page: hashes cannot list them.
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes) or "'none'"
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; "

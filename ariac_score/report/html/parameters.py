@@ -17,7 +17,7 @@ _ORIGINS: Mapping[str, str] = {
     "default": "plugin's default",
     "derived": "other parameters",
 }
-_EXACT_DIGITS = 12
+_EXACT_DIGITS = 12  # with so many digits numbers are stored and priced
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _row(setting: Setting) -> ParameterRow:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool):
+    if isinstance(value, bool):  # before numbers, for True is an int
         return "yes" if value else "no"
     if value is None or value in ("", [], {}):
         return "none"

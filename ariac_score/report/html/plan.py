@@ -123,6 +123,7 @@ def _box(routes: Sequence[DrawnPath]) -> _Box:
 
 
 def _way(route: DrawnPath, box: _Box) -> Way:
+    # The line is interrupted where the log has a gap: nobody knows the way in between.
     holes, pieces, drawing = frozenset(route.holes_s), [], False
     for t, x, y in zip(route.t_s, route.x_m, route.y_m, strict=True):
         pieces.append(("L" if drawing else "M") + box.units(x, y))

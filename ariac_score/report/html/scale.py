@@ -19,6 +19,7 @@ def ticks(low: float, high: float, most: int = 8) -> tuple[float, ...]:
     rough = (high - low) / most
     power = 10.0 ** math.floor(math.log10(rough))
     step = next((power * m for m in (1, 2, 5) if power * m >= rough * (1 - 1e-9)), power * 10)
+    # The small tolerance keeps a tick at the very end, which rounding may put just beyond it.
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     # Adding 0.0 turns -0.0 into 0.0, which would be labelled "-0".
     return tuple(round(k * step, 10) + 0.0 for k in range(first, last + 1))

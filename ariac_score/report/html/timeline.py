@@ -83,6 +83,7 @@ def timeline_of(result: Result, monitors: Iterable[str]) -> Timeline | None:
 def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
     for order_id, announced_s in result.measured.orders.items():
         handed, otherwise = _handed_in(result, order_id)
+        # Without a known beginning or end the block reaches to the edge of the timeline.
         start_s = scale.start if announced_s is None else announced_s
         words = "announced at an unknown time" if announced_s is None else f"announced at {seconds(start_s)}"
         words += f", last submission at {seconds(handed[-1])}" if handed else otherwise

@@ -129,6 +129,7 @@ def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:
     for name in monitors:
         found = result.measured.of(name).values()
         reasons = {f.message for f in found if f.verdict is Verdict.NOT_APPLICABLE and f.subject == "trial"}
+        # A monitor that says something else too had something to judge.
         if len(found) == 1 and reasons:
             idle.setdefault(reasons.pop(), []).append(name)
     return idle
@@ -138,6 +139,7 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     """The decisions of stewards, and the points that each one moved; `None` where there is no score."""
     if result.adjusted is None:
         return []
+    # The adjusted ledger is the automatic score and a factor for each decision, in their order.
     lines = result.adjusted.ledger.children if result.adjusted.ledger else ()
     moved: list[Decimal | None] = [line.amount for line in lines if line.kind == "factor"]
     decided = result.adjusted.adjustments

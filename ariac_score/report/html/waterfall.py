@@ -100,7 +100,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 _worst_first(line, findings),
             )
         )
-    start = min(Decimal(0), ledger.amount)
+    start = min(Decimal(0), ledger.amount)  # a negative score is a bar to the left of zero
     return Waterfall(
         tuple(steps),
         100 * float(-low) / room,
@@ -129,6 +129,7 @@ def _opened(ledger: Ledger) -> list[Line]:
 
 def _telling(line: Line) -> Sequence[Line]:
     """The parts of a line, without factors that change nothing; the line itself where these are findings."""
+    # Single findings are links behind a step: as steps of their own they would hide what they add up to.
     parts = [child for child in line.children if child.amount or child.kind not in ("factor", "rounding")]
     if not parts or all(child.findings and not child.children for child in parts):
         return [line]

@@ -57,6 +57,7 @@ def brief(text: object, longest: int = LONGEST_LABEL) -> str:
 
 
 def _grouped(count: int) -> str:
+    # A narrow no-break space, as in SI: a comma or a point is a decimal mark for some reader.
     return f"{count:,}".replace(",", "\u202f")
 
 
@@ -71,7 +72,7 @@ def number(value: float | int | None, digits: int = 4) -> str:
     if isinstance(value, int):
         text = _grouped(value) if abs(value) >= 10_000 else str(value)
     elif abs(value) >= 10**digits and abs(value) < 1e12:
-        text = _grouped(round(value))
+        text = _grouped(round(value))  # `g` would write 1.235e+05
     else:
         text = f"{value:.{digits}g}"
     return text.replace("-", MINUS)

@@ -126,7 +126,7 @@ def _made(tasks: Sequence[_Task], processes: int | None) -> Iterator[RunPage]:
 
 def _cores() -> int:
     try:
-        return len(os.sched_getaffinity(0))
+        return len(os.sched_getaffinity(0))  # in a container fewer than the machine has
     except AttributeError:  # not on every system
         return os.cpu_count() or 1
 
@@ -137,6 +137,7 @@ def _make(task: _Task) -> RunPage:
     shown = _adjusted(result, task)
     task.write(trial_page(shown, text if shown is result else as_json(shown), HOME), task.out / page)
     copy = task.out / "results" / task.stored.file
+    # A site may be made in the folder that holds the results.
     if copy.resolve() != (task.folder / task.stored.file).resolve():
         task.write(text, copy)
     uses = {name: str(check["use"]) for name, check in result.checks.items()}
@@ -160,5 +161,6 @@ def _adjusted(result: Result, task: _Task) -> Result:
     ]
     if not own:
         return result
+    # By the rules inside the result: those installed may be newer.
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
     return replace(result, adjusted=apply(result, own, rule_set, sha256=task.decided_in))

@@ -44,6 +44,7 @@ def table_csv(table: Table) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([cell_text(column) for column in table.columns])
     writer.writerows([cell_text(value) for value in row] for row in table.rows)
+    # The name of a file may hold half a surrogate pair, which has no place in UTF-8.
     return out.getvalue().encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -55,7 +56,7 @@ def cell_text(value: Value) -> str:
     """
     if value is None:
         return ""
-    if isinstance(value, bool):
+    if isinstance(value, bool):  # before numbers, for True is an int
         return "yes" if value else "no"
     if isinstance(value, Decimal):
         return f"{value:f}"
@@ -108,6 +109,7 @@ def _leaderboard(publication: Publication) -> Table:
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
     ties = list(publication.final.standings[0].ties) if publication.final.standings else []
+    # Names of columns are what other programs read: they stay, however the page words them.
     columns = ["rank", "rank_low", "rank_high", "groups", "team", "name", "value", "execution"]
     columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
     columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]

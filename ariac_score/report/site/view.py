@@ -217,7 +217,7 @@ def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
     """The pairs, and where 0 is: all intervals share one scale."""
     low = min((min(pair.joint_low, pair.low) for pair in pairs), default=0.0)
     high = max((max(pair.joint_high, pair.high) for pair in pairs), default=0.0)
-    low, high = min(low, 0.0), max(high, 0.0)
+    low, high = min(low, 0.0), max(high, 0.0)  # 0 is drawn too: whether a bar reaches it is the question
     width = (high - low) or 1.0
 
     def place(value: float) -> float:

@@ -1,8 +1,7 @@
-"""Made trials: small, random, and as plain as a counter-example must be to be read.
+"""Made trials: small, random, and simple enough to be read as counter-examples.
 
-A case says which task findings are violated and when which safety check was; the
-findings are made from it as a monitor would make them, from samples. Nothing here
-reads a log.
+A case states which task findings are violated, and when each safety check was. Its findings
+are made as a monitor would make them, from samples. Nothing here reads a log.
 """
 
 from __future__ import annotations
@@ -33,6 +32,7 @@ TICKS_PER_S = 10
 LONGEST_S = 60
 """Violations of random cases lie in the first minute."""
 
+# Two, so that a price for each pair and one for the whole trial differ.
 PAIRS = ("robot/human_1", "robot/human_2")
 _SEVERITIES = frozenset({"time_in_violation_s", "relative_depth_integral_s", "relative_depth_max"})
 _NUMBERS = (1.0, 2.0, 3.0, 5.0, 10.0)
@@ -45,7 +45,7 @@ class Violation:
 
     Attributes:
         check: Name in the rule set.
-        pair: Whom it is about: a number into the two pairs there are.
+        pair: Index into `PAIRS`, the two pairs there are.
         start: First tick.
         end: The tick after the last; the first, for a single event.
         depth: Relative depth, the same throughout.
@@ -106,8 +106,8 @@ class World:
     events: frozenset[str] = frozenset()
 
     @cached_property
-    def asked(self) -> dict[str, list[tuple[str, str]]]:
-        """For each check the score asks about: at which level and with which function."""
+    def uses(self) -> dict[str, list[tuple[str, str]]]:
+        """For each check the score depends on: at which level and in which function."""
         found: dict[str, list[tuple[str, str]]] = {}
         for level, function, check in self.rule_set.sheet.uses(self.rule_set.sheet.score):
             found.setdefault(check, []).append((level, function))
@@ -115,7 +115,7 @@ class World:
 
     @cached_property
     def measured(self) -> dict[str, tuple[str, ...]]:
-        """The quantities that formulas ask each check for."""
+        """The quantities of each check that formulas use."""
         found: dict[str, set[str]] = {}
         for formula in _all_formulas(self.rule_set):
             for call in formula.walk():
@@ -126,7 +126,7 @@ class World:
 
     @cached_property
     def kinds(self) -> frozenset[str]:
-        """Checks that choose which of two formulas counts, such as that of a kind of task."""
+        """Checks that choose which of two formulas counts, such as one for the kind of a task."""
         choosing: set[str] = set()
         for formula in _all_formulas(self.rule_set):
             for node in formula.walk():
@@ -140,12 +140,12 @@ class World:
 
     @cached_property
     def safety(self) -> tuple[str, ...]:
-        """Monitors whose violations the score asks about."""
+        """Monitors whose violations the score depends on."""
         return tuple(
             check
-            for check, asked in self.asked.items()
+            for check, uses in self.uses.items()
             if self._is_monitor(check)
-            and any(function in VIOLATION_FUNCTIONS for _, function in asked)
+            and any(function in VIOLATION_FUNCTIONS for _, function in uses)
             and set(self.measured.get(check, ())) <= _SEVERITIES
         )
 
@@ -159,16 +159,16 @@ class World:
         """Rules whose verdicts earn points."""
         return tuple(
             check
-            for check, asked in self.asked.items()
+            for check, uses in self.uses.items()
             if not self._is_monitor(check)
             and check not in self.kinds
-            and any(function != "measure" for _, function in asked)
+            and any(function != "measure" for _, function in uses)
         )
 
     @cached_property
     def earning(self) -> tuple[str, ...]:
         """Those of them whose satisfied findings are counted."""
-        return tuple(check for check in self.task if "points" in {f for _, f in self.asked[check]})
+        return tuple(check for check in self.task if "points" in {f for _, f in self.uses[check]})
 
     def t_off_s(self, check: str) -> float:
         """Up to which pause the monitor bridges two violations."""
@@ -180,12 +180,12 @@ class World:
     @cached_property
     def levels(self) -> dict[str, str]:
         """The level of each rule's findings."""
-        return {check: self._level(check) for check in self.asked if not self._is_monitor(check)}
+        return {check: self._level(check) for check in self.uses if not self._is_monitor(check)}
 
     def _level(self, check: str) -> str:
-        """Whom a rule speaks about: parts where its points are counted, else the scope that asks."""
-        levels = [LEVELS.index(level) for level, _ in self.asked[check]]
-        counted = any(function in ("points", "count") for _, function in self.asked[check])
+        """The level of a rule's subjects: parts where its points are counted, else the scope that uses it."""
+        levels = [LEVELS.index(level) for level, _ in self.uses[check]]
+        counted = any(function in ("points", "count") for _, function in self.uses[check])
         if counted and check not in self.measured:
             return "part"
         return LEVELS[min(*levels, LEVELS.index("order"))]
@@ -199,14 +199,14 @@ class World:
         return _scopes(case.orders, case.duration)
 
     def findings(self, case: Case) -> dict[str, Finding]:
-        """What the checks say about a case."""
-        said = [finding for check in self.asked for finding in self._says(check, case)]
+        """The findings of all checks about a case."""
+        found = [finding for check in self.uses for finding in self._findings(check, case)]
         numbered: dict[str, Finding] = {}
-        for number, finding in enumerate(said):
-            numbered[f"{finding.check}#{number:03d}"] = finding
+        for number, finding in enumerate(found):
+            numbered[f"{finding.check}#{number:03d}"] = finding  # padded: ids are sorted as text
         return numbered
 
-    def _says(self, check: str, case: Case) -> Iterator[Finding]:
+    def _findings(self, check: str, case: Case) -> Iterator[Finding]:
         if check in self.safety:
             yield from self._watches(check, case)
         elif self._is_monitor(check):
@@ -258,7 +258,7 @@ class World:
         )
 
     def _cohort(self, scopes: Scope) -> CohortValues:
-        """Other teams, always the same ones."""
+        """Values of other teams, always the same ones."""
         paths = ["", *(order.path for order in scopes.inner)]
         return CohortValues("", {name: dict.fromkeys(paths, 10.0) for name in self.rule_set.sheet.cohort})
 
@@ -298,10 +298,12 @@ def _scopes(orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
 
 def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: float) -> Iterator[Finding]:
     """As a monitor finds them: violating samples, grouped over pauses shorter than `t_off_s`."""
+    # Two more ticks, so that half the rate has a sample after the last violation as well.
     ticks = np.arange(0, max(case.duration, violations[-1].end + 2), case.step)
     depth = np.zeros(len(ticks))
     for violation in violations:
         inside = (ticks >= violation.start) & (ticks < violation.end)
+        # Where violations of one pair overlap, a monitor sees one, as deep as the deeper.
         depth[inside] = np.maximum(depth[inside], violation.depth)
     t = ticks / TICKS_PER_S
     sample_s = case.step / TICKS_PER_S
@@ -365,11 +367,12 @@ def draw_case(world: World, rng: Random, *, most_violations: int = 4) -> Case:
     share = (0.0, 0.1, 0.5, 0.9, 1.0)[_upto(rng, 5)]
     failed = frozenset(
         (check, subject)
-        for check in world.asked
+        for check in world.uses
         if check in world.levels
         for subject in world.subjects(case, check)
         if rng.random() < (0.5 if check in world.kinds else share)
     )
+    # Few violations mostly; some laws break only where there are many.
     most = 3 * most_violations if rng.random() < 0.2 else most_violations
     count = _upto(rng, most + 1) if world.safety else 0
     violations = tuple(sorted(draw_violation(world, rng) for _ in range(count)))

@@ -68,10 +68,9 @@ class Law:
         name: Short name.
         says: The law in words.
         how: How it is tried.
-        idle: Why it says nothing about a rule set; empty when it does.
+        idle: Why it does not apply to a rule set; empty when it does.
         draw: A random situation.
-        broken: What the law finds wrong in a situation; `None` when it holds, or has
-            nothing to say.
+        broken: What the law finds wrong in a situation; `None` when it holds or does not apply.
     """
 
     name: str
@@ -95,6 +94,15 @@ def _fine(_world: World) -> str:
     return ""
 
 
+def _recorded(world: World) -> bool:
+    """Whether formulas ask a rule for numbers, such as those that an official text prints."""
+    checks = world.rule_set.checks
+    return any(checks[name].group == "ariac_score.rules" for name in world.measured if name in checks)
+
+
+_NO_WORK = "nothing in it earns points, so whoever does nothing always has the most"
+
+
 def _without_safety(world: World) -> str:
     return "" if world.safety else "the score asks about no violation of a monitor"
 
@@ -106,12 +114,16 @@ def _without_time(world: World) -> str:
 
 
 def _without_points(world: World) -> str:
-    return "" if world.task else "its points are numbers read from a record, not verdicts"
+    if world.task:
+        return ""
+    return "its points are numbers read from a record, not verdicts" if _recorded(world) else _NO_WORK
 
 
 def _without_work(world: World) -> str:
     if not world.safety:
         return _without_safety(world)
+    if not world.earning and not _recorded(world):
+        return _NO_WORK
     if not world.earning or set(world.earning) & set(world.measured):
         return "what work earns is read from a record, so no work cannot be made up"
     return ""
@@ -126,6 +138,7 @@ def _upto(rng: Random, count: int) -> int:
 
 def _draw_more(world: World, rng: Random) -> Situation:
     case, more = draw_case(world, rng), draw_violation(world, rng)
+    # Half of the time where a price for each episode fails: one more violation makes one episode of two.
     if world.watched and rng.random() < 0.5:
         return _draw_joined(world, rng, case)
     if case.violations and rng.random() < 0.5:  # another of the same, overlapping or not
@@ -202,7 +215,7 @@ def _waiting(world: World, situation: Situation) -> Broken | None:
 # Halving the log rate changes at most one sample's worth -------------------------------
 
 _SHORTEST = 15
-"""Ticks: violations that both rates can see, and see apart."""
+"""Ticks: so long are violations that both rates see, and see as separate ones."""
 
 
 def _draw_rate(world: World, rng: Random) -> Situation:
@@ -219,8 +232,8 @@ def _rate(world: World, situation: Situation) -> Broken | None:
     """Each violation may lose or gain a sample, at what such a time costs where it costs most."""
     case = situation.case
     violations = case.violations
-    apart = {(v.check, v.pair) for v in violations}
-    if len(apart) < len(violations) or any(v.end - v.start < _SHORTEST for v in violations):
+    separate = {(v.check, v.pair) for v in violations}
+    if len(separate) < len(violations) or any(v.end - v.start < _SHORTEST for v in violations):
         return None
     whole, half = _scores(world, case, replace(case, step=2))
     allowed = add_up(_second_costs(world, case, each) / TICKS_PER_S for each in violations)
@@ -230,7 +243,7 @@ def _rate(world: World, situation: Situation) -> Broken | None:
 
 
 def _second_costs(world: World, case: Case, violation: Violation) -> Number:
-    """What one second more of a violation takes where it is the first and only one."""
+    """What one more second of a violation costs where it is the first and only one."""
     short = replace(violation, start=0, end=5)
     first, second = _scores(
         world,
@@ -244,23 +257,24 @@ def _second_costs(world: World, case: Case, violation: Violation) -> Number:
 
 
 def _undone(world: World, case: Case, *, but: int = 0) -> frozenset[tuple[str, str]]:
-    """The task findings when only the first orders are done: nothing earned or wrong with the others.
+    """The task findings when only the first orders are done: the others earn nothing and break nothing.
 
-    What rules count points for is violated, what they only ask to be kept is satisfied;
-    the kind of task stays what it is.
+    Findings that earn points are violated, those that only have to be kept are satisfied;
+    the kind of a task stays as it is.
     """
+    left_out = world.scopes(case).inner[but:]
+
+    def is_left_out(subject: str) -> bool:
+        return any(order.contains(subject) for order in left_out)
+
     undone = {
         (check, subject)
         for check in world.earning
         for subject in world.subjects(case, check)
-        if _order(subject) >= but
+        if is_left_out(subject)
     }
-    kept = {each for each in case.failed if each[0] in world.kinds or _order(each[1]) < but}
+    kept = {each for each in case.failed if each[0] in world.kinds or not is_left_out(each[1])}
     return frozenset(undone | kept)
-
-
-def _order(subject: str) -> int:
-    return int(subject.split("/", maxsplit=1)[0].removeprefix("order_"))
 
 
 def _draw_work(world: World, rng: Random) -> Situation:
@@ -301,6 +315,7 @@ _PIECES = 2
 def _draw_pieces(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng, most_violations=3)
     failed = frozenset[tuple[str, str]]()
+    # Into the first 15 s, which `_pieces` requires: they must end before the next piece begins.
     first = tuple(
         replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations
     )
@@ -318,7 +333,7 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
     clean = _scores(world, *(_after(world, replace(case, violations=()), n) for n in counts))
     gains = [later - sooner for sooner, later in pairwise(clean)]
     if any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains)):
-        return None  # the pieces are not alike
+        return None  # the pieces are not alike: the law says nothing about unequal ones
     scores = _scores(world, *(_after(world, case, n) for n in counts))
     for n, (sooner, later) in enumerate(pairwise(scores)):
         if later < sooner - _margin(sooner, later):
@@ -386,6 +401,7 @@ def _pause(world: World, situation: Situation) -> Broken | None:
     case, split, until = situation.case, situation.violation, situation.at + situation.ticks
     if split is None or not split.start < situation.at < until < split.end:
         return None
+    # A pause as long as t_off separates two violations; the law is about shorter ones.
     if situation.ticks / TICKS_PER_S >= world.t_off_s(split.check) - 1e-6:
         return None
     whole = replace(case, violations=tuple(sorted([*case.violations, split])))
@@ -484,7 +500,7 @@ def simpler(situation: Situation) -> Iterator[Situation]:
 
 
 def _simpler_splits(situation: Situation, split: Violation) -> Iterator[Situation]:
-    """A violation with a pause in it, begun earlier or cut, with its pause."""
+    """A violation with a pause in it, moved to an earlier time or shortened around its pause."""
     until = situation.at + situation.ticks
     if split.start < situation.at < until < split.end:
         for start in _rounder(split.start):

@@ -1,4 +1,4 @@
-"""Trying every law on a rule set, and making what breaks one as small as it can be."""
+"""Trying every law on a rule set, and reducing a counter-example to a small one."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ DEFAULT_CASES = 400
 """Random cases for each law."""
 
 _MOST_STEPS = 2000
+"""A counter-example is reduced by so many tries at most; it is one at every step."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a law fared.
+    """The outcome of one law.
 
     Attributes:
         law: The law.
@@ -52,7 +53,7 @@ def check_laws(
     only: Collection[str] = (),
     smallest: bool = True,
 ) -> tuple[Outcome, ...]:
-    """Try every law on random cases; the same seed tries the same ones.
+    """Try every law on random cases; the same seed gives the same cases.
 
     Args:
         rule_set: What findings are worth.
@@ -61,7 +62,7 @@ def check_laws(
         events: The checks that speak of single events (`event_checks`); every other monitor
             is taken to watch stretches of time.
         only: Names of the laws to try; empty: all.
-        smallest: Whether a counter-example is made as small as it can be, which takes time.
+        smallest: Whether a counter-example is reduced, which takes time.
     """
     world = World(rule_set, frozenset(events))
     laws = [law for law in LAWS if not only or law.name in only]
@@ -85,6 +86,7 @@ def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> 
     reason = law.idle(world)
     if reason:
         return Outcome(law, "not_applicable", reason)
+    # A seed for each law: the cases of one do not depend on which others are tried.
     rng = Random(f"{law.name}:{seed}")  # noqa: S311  # no secrets are made of it
     tried, unpriced = 0, ""
     for _ in range(cases):
@@ -105,7 +107,8 @@ def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> 
 
 
 def _shrunk(law: Law, world: World, situation: Situation, broken: Broken) -> tuple[Situation, Broken]:
-    """The plainest situation near this one that still breaks the law."""
+    """The simplest situation near this one that still breaks the law."""
+    # A step that does not break the law is given up; the first that does starts over, boldest steps first.
     steps = 0
     shrinking = True
     while shrinking:

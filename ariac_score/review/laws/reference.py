@@ -1,4 +1,4 @@
-"""The made competition that penalties are compared on, and the table of which breaks which law."""
+"""The made competition on which penalties are compared, and the table of which breaks which law."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _laws() -> Iterator[str]:
 
 
 def _shipped() -> Iterator[str]:
-    """What shipped rule sets say of themselves."""
+    """What shipped rule sets say about themselves."""
     yield _SHIPPED
     laws = {law.name: law.says for law in LAWS}
     for name in rule_set_names():
@@ -105,7 +105,7 @@ _SHIPPED = """
 ## Which shipped rule sets break a law
 
 A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
-`breaks`; `rules check` repeats it beside the counter-example, and fails all the same. Of the others no
+`breaks`; `rules check` repeats it with the counter-example, and fails all the same. Of the others no
 counter-example is known. `extends` does not take `breaks` over.
 
 | rule set | law | because |
@@ -116,7 +116,7 @@ _INTRODUCTION = """\
 # Penalties
 
 A rule set says what a trial earned; a penalty says what its violations do to that. It is included by name,
-and told which checks are charged:
+with the checks that are charged:
 
 ```yaml
 id: mine

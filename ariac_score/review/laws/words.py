@@ -50,7 +50,7 @@ def _trial(case: Case) -> str:
 
 
 def _repeated(case: Case) -> Iterator[str]:
-    """The violations, with alike ones told once."""
+    """The violations, equal ones in one entry with their number."""
     for violation in dict.fromkeys(case.violations):
         times = case.violations.count(violation)
         yield str(violation) if times == 1 else f"{times} times {violation}"
