@@ -152,7 +152,7 @@ class SignalCoverage:
 def _lacking(trial: Trial, quantity: str, names: Set[str]) -> list[str]:
     """The signals of a quantity that the log lacks, although it has that of another subject.
 
-    A place counts for bodies of every kind, anything else for those of one kind: no human has joints.
+    Among bodies of one kind: a competition may know its robots by distances alone, and no human has joints.
     """
     recorded = {name.partition("/")[2] for name in names}
     if QUANTITIES[quantity].of == "pair":  # all of one kind: a robot and a human
@@ -161,8 +161,7 @@ def _lacking(trial: Trial, quantity: str, names: Set[str]) -> list[str]:
     # A link is a part of its body: `position/gantry::torso` places the gantry.
     having = {subject.partition("::")[0] for subject in recorded}
     kinds = {body.kind for body in trial.bodies if body.id in having}
-    due = [b for b in trial.bodies if b.kind in kinds or (having and quantity == "position")]
-    return [f"{quantity}/{body.id}" for body in due if body.id not in having]
+    return [f"{quantity}/{b.id}" for b in trial.bodies if b.kind in kinds and b.id not in having]
 
 
 def _stalest_s(signal: Signal, window: Span) -> float:

@@ -27,6 +27,8 @@ from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ruleset import rule_set_names
 
 WORKED: Mapping[str, Any] = runpy.run_path(str(Path(__file__).parent / "test_worked_cases.py"))
+pytestmark = pytest.mark.slow  # measures every worked case again
+
 REGISTRY = Registry()
 
 EDITIONS = [

@@ -386,7 +386,7 @@ def test_the_page_says_every_value_and_whose_it_is(result: Result) -> None:
     assert "<bdi>2.6 m</bdi>" in table
     assert "our choice: catalogue, 1.4" in table
     assert "plugin&#39;s default" in table
-    assert "kept no defaults" not in page
+    assert "did not keep defaults" not in page
 
 
 def test_the_page_of_an_old_result_says_that_it_kept_no_defaults(result: Result) -> None:
@@ -394,7 +394,7 @@ def test_the_page_of_an_old_result_says_that_it_kept_no_defaults(result: Result)
     page = trial_page(bare, as_json(bare))
     table = page[page.index('id="parameters"') : page.index('id="origin"')]
 
-    assert "made by a version that kept no defaults: of its checks only" in table
+    assert "made by a version that did not keep defaults. For its checks only" in table
     assert "plugin&#39;s default" not in table
     assert "<bdi>contact_distance_m</bdi>" in table
 
@@ -407,4 +407,4 @@ def test_hostile_parameters_are_text_on_the_page(result: Result) -> None:
 
     assert script not in page
     assert "&lt;script&gt;alert(1)" in page
-    assert "of some checks only" in page
+    assert "For some checks only" in page

@@ -130,6 +130,7 @@ def test_a_score_that_never_has_a_value_is_said_to_be_untried() -> None:
 # Counter-examples ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> None:
     found = outcome(load_rule_set("paper2020"), "more_violations")
 
@@ -155,6 +156,7 @@ def test_a_counter_example_is_told_in_words() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_counter_example_and_another_need_not() -> None:
     rules = load_rule_set("paper2020")
 

@@ -14,7 +14,9 @@ from ariac_score.errors import UsageError
 from ariac_score.testing.kit import KINDS, new_distribution
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [kind if kind == "monitor" else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
+)
 def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
     kind: str, environment: Any, tmp_path: Path
 ) -> None:
