@@ -111,6 +111,21 @@ def portions(path: Path) -> list[int]:
     return [len(item) for item in SqliteScan(path) if isinstance(item, Batch)]
 
 
+def test_a_larger_file_may_take_more_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = np.arange(2000) / 4
+    path = bag(tmp_path / "t.db3", numbers.tolist(), page=4096)
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("ALTER TABLE messages ADD COLUMN more TEXT")  # so unusual that SQLite reads the rows
+        db.commit()
+    monkeypatch.setattr(module, "_STEPS_AT_ONCE", 1000)
+    monkeypatch.setattr(module, "MAX_STEPS", 0)
+
+    assert values(path) == numbers.tolist()
+    monkeypatch.setattr(module, "STEPS_PER_BYTE", 0)
+    with pytest.raises(LogError, match="interrupted"):
+        values(path)
+
+
 @pytest.mark.skipif(not hasattr(sqlite3.Connection, "setlimit"), reason="from Python 3.11 on")
 def test_a_row_that_is_said_to_be_longer_than_its_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
     size, said = 2_200_000, 134_000_000
