@@ -127,7 +127,9 @@ def _simple(exp: Empty | All | Event | Ref | Let) -> str:
 
 def _sequence(exp: Chain) -> str:
     parts = [_exp(part, 4) for part in exp.parts]
-    for i, part in enumerate(exp.parts[:-1]):
+    # From the end: a part that gets parentheses here may read as the arguments of the one before it.
+    for i in reversed(range(len(parts) - 1)):
+        part = exp.parts[i]
         bare = isinstance(part, Event) and not part.type.args
         # What follows a bare event type in parentheses may read as its arguments.
         if bare and parts[i + 1].startswith("(") and reads_as_arguments(parts[i + 1]):

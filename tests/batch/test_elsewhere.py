@@ -31,7 +31,7 @@ from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError
 from ariac_score.logs.containers.detect import open_scan
-from ariac_score.logs.containers.ranged import RangedFile, reading
+from ariac_score.logs.containers.ranged import RangedFile, open_log, reading
 from ariac_score.logs.containers.source import Source
 from ariac_score.report.text import score_text
 from ariac_score.results.result_file import as_json, load_result
@@ -514,6 +514,17 @@ def test_a_file_with_holes_reads_as_the_whole(tmp_path: Path, cuts: list[tuple[i
     assert before <= file.read_bytes == len(whole)
     assert len(asked) == len(set(asked))
     assert not file.missing([(0, len(whole))])
+
+
+def test_at_its_end_a_file_with_holes_has_no_more_bytes(tmp_path: Path) -> None:
+    whole = bytes(range(100))
+    file = RangedFile(tmp_path / "holes", len(whole), lambda ranges: [whole[a:b] for a, b in ranges])
+
+    with reading([file]), open_log(file.path, 0) as log:
+        log.seek(98)
+        assert [log.read(5), log.read(5), log.read()] == [whole[98:], b"", b""]
+        log.seek(1000)
+        assert log.read(5) == b""
 
 
 def test_bytes_that_do_not_come_end_the_reading_and_are_remembered(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from ariac_score.testing.bags import Recorded, write_bag
 STRING, VECTOR = "std_msgs/msg/String", "geometry_msgs/msg/Vector3"
 LARGE_BYTES = 1 << 16
 """A message is left out from this size on, beyond the first 128 bytes of its record."""
+CHUNK_INFO = 6
 
 MESSAGES = [
     Recorded("/speed", VECTOR, 10**18 + i * 10**8, {"x": i / 8})
@@ -93,6 +94,22 @@ def test_all_that_is_wanted_is_read(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "t.bag", MESSAGES, storage="ros1")
 
     assert scanned(path, {"/speed", "/picture"})[0] == scanned(path)[0]
+
+
+def test_connections_may_have_any_number_of_32_bits(tmp_path: Path) -> None:
+    messages = [Recorded(f"/{i % 2}", VECTOR, 10**18 + i, {"x": i / 8}) for i in range(20)]
+    path = write_bag(tmp_path / "t.bag", messages, storage="ros1")
+    expected, _ = scanned(path)
+    content = bytearray(path.read_bytes())
+    for kind, start, end in records_of(content):
+        if kind == CHUNK_INFO:
+            (at,) = (at for at in range(start, end, 8) if content[at : at + 4] == b"\x01\0\0\0")
+            content[at + 3] = 0xFF
+    path.write_bytes(content.replace(b"conn=\x01\0\0\0", b"conn=\x01\0\0\xff"))
+
+    found, scan = scanned(path)
+    assert found == expected
+    assert (len(found), scan.index_contradictions) == (len(messages), 0)
 
 
 def an_offset_is_wrong(content: bytearray, start: int, end: int) -> None:

@@ -206,6 +206,19 @@ def test_a_topic_of_another_type_is_named_with_both_types(tmp_path: Path) -> Non
     )
 
 
+def test_the_types_that_a_topic_has_instead_are_named_in_alphabetical_order(tmp_path: Path) -> None:
+    others = [Recorded("/snapshot", f"std_msgs/msg/{name}", ORIGIN_NS, {}) for name in ("String", "Bool")]
+    others += [
+        Recorded("/snapshot", f"geometry_msgs/msg/{name}", ORIGIN_NS, {}) for name in ("Pose", "Accel")
+    ]
+    trial = read_mcap(tmp_path, others, wanted(SNAPSHOTS))
+
+    assert trial.unrecorded == (
+        "topic /snapshot (nist_gear/msg/Snapshot): it is recorded as "
+        "geometry_msgs/msg/Accel, geometry_msgs/msg/Pose, std_msgs/msg/Bool, std_msgs/msg/String",
+    )
+
+
 def speed_of(human: str, *, optional: bool = False, topic: str = "") -> Channel:
     field = FieldMap(f"speed/{human}", "m/s", ("human_operator_speed",))
     return Channel(topic or f"/{human}", SNAPSHOT, signals=(field,), optional=optional)

@@ -111,6 +111,46 @@ def portions(path: Path) -> list[int]:
     return [len(item) for item in SqliteScan(path) if isinstance(item, Batch)]
 
 
+def test_a_larger_file_may_take_more_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = np.arange(2000) / 4
+    path = bag(tmp_path / "t.db3", numbers.tolist(), page=4096)
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("ALTER TABLE messages ADD COLUMN more TEXT")  # so unusual that SQLite reads the rows
+        db.commit()
+    monkeypatch.setattr(module, "_STEPS_AT_ONCE", 1000)
+    monkeypatch.setattr(module, "MAX_STEPS", 0)
+
+    assert values(path) == numbers.tolist()
+    monkeypatch.setattr(module, "STEPS_PER_BYTE", 0)
+    with pytest.raises(LogError, match="interrupted"):
+        values(path)
+
+
+@pytest.mark.skipif(not hasattr(sqlite3.Connection, "setlimit"), reason="from Python 3.11 on")
+def test_a_row_that_is_said_to_be_longer_than_its_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    size, said = 2_200_000, 134_000_000
+    path = bag(tmp_path / "t.db3", [], page=4096, picture=b"")
+    with closing(sqlite3.connect(path)) as db:
+        db.execute(
+            "INSERT INTO messages(topic_id, timestamp, data) VALUES (1, 1000000000, ?)", (bytes(size),)
+        )
+        db.commit()
+    content = path.read_bytes()
+    # A record has its length and, in its header, the type of each column: 12 + 2 n for n bytes.
+    header = content.index(_varint(12 + 2 * size))
+    (rest,) = [n for n in range(100) if _varint(size + n) in content[header - 20 : header]]
+    changed = content.replace(_varint(12 + 2 * size), _varint(12 + 2 * said))
+    path.write_bytes(changed.replace(_varint(size + rest), _varint(said + rest)))
+
+    with pytest.raises(LogError, match="too big"):
+        list(SqliteScan(path))
+
+
+def _varint(number: int) -> bytes:
+    """A number of 22 to 28 bits as SQLite stores it: 7 bits in each byte, the highest first."""
+    return bytes([number >> shift & 127 | (128 if shift else 0) for shift in (21, 14, 7, 0)])
+
+
 def test_few_messages_among_pictures_are_copied_whatever_their_order_in_the_file(tmp_path: Path) -> None:
     numbers = [float(i) for i in range(100)]
     path = bag(tmp_path / "t.db3", numbers, page=65536, picture=b"\0" * 20_000)

@@ -207,6 +207,32 @@ def test_the_margin_is_that_of_the_inequality_that_decides(subtests: pytest.Subt
             assert margin_of(text, [0.0, 1.0, 3.0]) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("guard", "field", "bound"),
+    [
+        ("v >= 3", "x", 3.0),
+        ("3 <= v", "x", 3.0),
+        ("w > 2", "y", 2.0),
+        ("2 < w", "y", 2.0),
+        ("v <= w", "x", 7.0),  # two fields: the left one is limited
+        ("w >= v", "y", 5.0),
+        ("v + 1 < w", "y", 6.0),  # computed from fields is none
+        ("v + 1 > 2", "", 2.0),
+    ],
+)
+def test_an_inequality_limits_the_field_that_stands_alone_by_the_other_side(
+    guard: str, field: str, bound: float
+) -> None:
+    names = ["x", "y"]
+    stream = Stream([Topic("s", np.array([0.0]), {"x": np.array([5.0]), "y": np.array([7.0])})])
+    machine = compile_rml(f"a matches {{x:v, y:w}} with {guard}; Main = a;").machine()
+
+    match = Columns(machine.matcher, stream).match("a", ())
+
+    assert match.bound.tolist() == [bound]
+    assert match.field.tolist() == [names.index(field) if field else -1]
+
+
 @given(exps, streams())
 @settings(max_examples=100)
 def test_a_rejected_event_never_has_a_positive_margin_nor_an_accepted_one_a_negative(

@@ -349,6 +349,23 @@ def test_what_is_formatted_reads_the_same_and_formats_the_same(declaration: Decl
     assert format_rml(parse(text)) == text
 
 
+@pytest.mark.parametrize(
+    "exp",
+    [
+        "(a) (b | c)",
+        "(a) (b | c) d",
+        "d? (a) (b | c)",
+        "(a) (b) (c | d)",
+        "a b (c \\/ d)",  # no pattern, so it cannot be taken for arguments
+        "a? (b | c)",
+    ],
+)
+def test_a_type_keeps_its_parentheses_where_the_next_ones_read_as_its_arguments(exp: str) -> None:
+    text = f"Main = {exp};\n"
+
+    assert format_rml(parse(text)) == text
+
+
 @given(st.text(st.sampled_from("ab G<>(){}[];:,.|/\\*+?!=_&'1-^\n"), max_size=40))
 @settings(max_examples=100)
 def test_any_text_is_read_or_refused(text: str) -> None:

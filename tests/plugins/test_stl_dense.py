@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from ariac_score import Body, Finding, Signal, Span, Trial, Verdict
 from ariac_score_stl import StlFormula
@@ -72,6 +73,17 @@ def test_what_only_rounding_parts_is_one_moment() -> None:
     # Within the tolerance it is there already, and v has always been high enough since d was, at 0 s.
     assert broken.span == Span(0.3125, t[4])  # named by the sample next to it
     assert broken.quantities["time_in_violation_s"] == 0.0625
+
+
+def test_stamps_one_nanosecond_apart_are_two_moments() -> None:
+    # In binary the two are less than 1e-9 s apart.
+    log = trial([1.0, 1.475, 1.475000001, 2.0], [0.5, 5.0, 0.5, 0.5])
+
+    before, behind = dense("always once[0,0.000000001] d > 1", log, beyond="cut")
+
+    assert before.span == Span(1.0, 1.475)
+    assert behind.span is not None
+    assert (behind.span.start_s, behind.span.end_s) == pytest.approx((1.475, 2.0), abs=3e-9)
 
 
 def test_a_hole_is_undecided_from_where_its_sample_no_longer_stands() -> None:

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
-from ariac_score import load_result
+from ariac_score import Signal, Span, Trial, load_result, load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
+from ariac_score.ranking.adjusting import adjusted_ranking
+from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.rank import rank_results
+from ariac_score.ranking.runs import score_runs
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import measured_sha256
+from ariac_score.scoring.steward import Adjustment
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
 ROOT = Path(__file__).parents[2]
 COMPETITION = ROOT / "examples/competition/2024"
@@ -153,6 +163,76 @@ def test_a_stored_result_that_is_adjusted_already_is_not_ranked_as_if_automatic(
 
     assert main(["rank", str(tmp_path)]) == 6
     assert "adjusted by stewards already" in capsys.readouterr().out
+
+
+# An undecided run ------------------------------------------------------------------------
+
+_DISTANCE = "centre_distance/robot/human"
+_COMPARED = """\
+task: task
+cohort:
+  mean_task: {of: trial, mean: task}
+score: gate(human_contact) * task / (1 + demerits) + cohort.mean_task
+"""
+
+
+def far_away(*, unseen: Span | None = None) -> Trial:
+    """The made trial of 28 points, the human 5 m further away; for a while nobody sees how far."""
+    trial = kitting_trial()
+    distance = trial.signals[_DISTANCE]
+    seen = np.ones(len(distance.t), dtype=bool)
+    if unseen is not None:
+        seen = (distance.t < unseen.start_s) | (distance.t > unseen.end_s)
+    signal = Signal(_DISTANCE, "m", distance.t[seen], distance.values[seen] + 5.0)
+    return replace(trial, signals={**trial.signals, _DISTANCE: signal})
+
+
+@pytest.mark.parametrize(("rules", "score"), [("", 28), (_COMPARED, 28 + 28)], ids=["alone", "compared"])
+def test_an_undecided_run_that_is_decided_gets_the_score_that_a_complete_log_has(
+    rules: str, score: int, tmp_path: Path
+) -> None:
+    for team, trial in (("whole", far_away()), ("hidden", far_away(unseen=Span(20.0, 30.0)))):
+        (tmp_path / team).mkdir()
+        write_trial_log(tmp_path / team / "kit_1.jsonl", trial, signals=SNAPSHOT_SIGNALS)
+    own = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\n{rules}"
+    (tmp_path / "mine.yaml").write_text(own, encoding="utf-8")
+    (tmp_path / "competition.yaml").write_text(
+        "id: test\nrules: ./mine.yaml\nruns: '{team}/{trial}_{run}.jsonl'\n", encoding="utf-8"
+    )
+    competition = load_competition(tmp_path)
+    rule_set = load_rule_set(competition.rules)
+    spec = ranking_spec(rule_set, competition.ranking, file="competition.yaml")
+    found = rank_results(competition, spec, rule_set, score_runs(competition, rule_set))
+    hidden = next(run.result for run in found.runs if run.team == "hidden")
+    assert hidden is not None
+    measured = measured_sha256(hidden)
+    decisions = [
+        Adjustment(
+            id=check,
+            author="The jury",
+            reason="the video shows it",
+            time="2024-05-12T14:30:00Z",
+            measured=measured,
+            trial="kit",
+            team="hidden",
+            run=1,
+            finding=f"{check}#1",
+            verdict="satisfied",
+        )
+        for check in ("separation", "human_contact")
+    ]
+
+    after = adjusted_ranking(
+        competition, spec, rule_set, found, Adjustments("a.yaml", "0" * 64, tuple(decisions))
+    )
+
+    assert after.stewarded is not None
+    automatic, adjusted = (
+        {run.team: (run.outcome, run.score) for run in ranking.runs}
+        for ranking in (after, after.stewarded.ranking)
+    )
+    assert automatic == {"whole": ("scored", score), "hidden": ("undecided", None)}
+    assert adjusted == {"whole": ("scored", score), "hidden": ("scored", score)}
 
 
 @pytest.mark.parametrize(

@@ -393,7 +393,10 @@ def test_a_competition_without_any_run_is_nothing_to_score(
     (tmp_path / "competition.yaml").write_text(HEAD + "teams: [{id: alpha}]\ntrials: [{id: kit}]\n")
 
     assert main(["rank", str(tmp_path)]) == 5
-    assert "the competition has no run" in capsys.readouterr().err
+    assert "the competition has no run; no run was found" in capsys.readouterr().err
+    run(tmp_path, "beta", 1)
+    assert main(["rank", str(tmp_path)]) == 5
+    assert "the competition has no run; passed over: logs/beta" in capsys.readouterr().err
 
 
 def test_the_strict_policy_writes_the_organisers_file(

@@ -240,6 +240,14 @@ def test_parameters_are_names_everywhere() -> None:
     assert score("sum(order.x) * k", parameters={"k": 0.5}, order={"x": "k * order.priority"}) == 1.0
 
 
+def test_the_order_in_which_findings_are_stored_changes_no_bit_of_a_sum() -> None:
+    times = (0.1, 0.2, 0.3)  # from the left they add up to 0.6000000000000001, from the right to 0.6
+    found = numbered(*(finding("separation", "r/h", V, time_in_violation_s=each) for each in times))
+    turned = dict(reversed(found.items()))
+
+    assert score("seconds(separation)", turned) == score("seconds(separation)", found)
+
+
 def test_orders_with_similar_names_do_not_share_findings() -> None:
     scope = trial(Scope("order", "order_1", {"index": 0, "priority": 1, "parts": 0}), order(10, 1, 1))
     found = numbered(finding("type", "order_1", S), finding("type", "order_10/task_0/part_0", V))

@@ -1868,6 +1868,17 @@ def test_a_rule_set_with_a_bad_parameter_is_refused(subtests: pytest.Subtests) -
             assert message in str(refused.value)
 
 
+def test_every_monitor_refuses_a_number_beyond_the_range_it_declares(subtests: pytest.Subtests) -> None:
+    for name in MONITORS:
+        plugin = Registry().find("ariac_score.monitors", name).load()
+        for field, facts in parameter_facts(plugin).items():
+            for value in (facts.at_most + 0.001, facts.above, facts.at_least - 0.001):
+                refusal = pytest.raises(ValueError, match=rf"^{field} is \S+ but ")
+                if math.isfinite(value):
+                    with subtests.test(name=name, field=field, value=value), refusal:
+                        plugin(**{field: value})
+
+
 def test_every_parameter_says_where_it_comes_from_and_every_number_its_unit(
     subtests: pytest.Subtests,
 ) -> None:

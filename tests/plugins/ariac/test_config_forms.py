@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -74,6 +75,19 @@ def test_a_form_is_known_by_the_keys_of_a_document() -> None:
 def test_what_is_not_there_looks_like_nothing(tmp_path: Path) -> None:
     assert looks_like(tmp_path / "none.yaml") == "no YAML file that can be read"
     assert top_level_keys(tmp_path / "none.yaml") == frozenset()
+
+
+def test_a_file_that_cannot_be_opened_has_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("orders: {}\n", encoding="utf-8")
+    assert top_level_keys(path) == {"orders"}
+
+    def refused(*_: object, **__: object) -> NoReturn:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refused)
+
+    assert top_level_keys(path) == frozenset()
 
 
 def test_keys_are_those_that_begin_a_line(tmp_path: Path) -> None:
