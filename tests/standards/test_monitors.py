@@ -1036,7 +1036,8 @@ def test_a_region_is_found_however_it_is_written(name: str) -> None:
 
 
 def test_an_unknown_region_takes_the_weakest_at_its_height(subtests: pytest.Subtests) -> None:
-    cases: list[tuple[float, float]] = [(0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)]
+    # Below the floor and above the hand nothing can be met, so that the face counts, the weakest of all.
+    cases = [(-0.05, 65.0), (0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)]
     for height, force in cases:
         with subtests.test(height=height, force=force):
             assert limits_at(height).force_n == force
