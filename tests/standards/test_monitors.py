@@ -1427,6 +1427,24 @@ def test_a_truck_may_not_start_again_after_what_else_latches(kind: str) -> None:
     assert verdicts(EstopRestart(kind="agv"), trial) == [INCONCLUSIVE]  # no emergency stop is recorded
 
 
+@pytest.mark.parametrize(
+    ("hidden_s", "kept"),
+    [((0.2, 0.5), True), ((2.0, 2.5), False), ((4.2, 4.5), True)],
+    ids=["before the stop", "at rest", "after the start"],
+)
+def test_only_what_is_hidden_between_a_stop_and_the_next_start_leaves_it_open(
+    hidden_s: tuple[float, float], kept: bool
+) -> None:
+    t = np.arange(501) / 100
+    t = t[(t <= hidden_s[0]) | (t >= hidden_s[1])]
+    events = [Event(1.0, "emergency_stop"), Event(3.0, "emergency_stop_reset"), Event(4.0, "start")]
+
+    found = verdicts(EstopRestart(), trial_of({"speed/r": ("m/s", 0.0)}, t=t, events=events))
+
+    assert (SATISFIED in found) is kept
+    assert VIOLATED not in found
+
+
 @pytest.mark.parametrize("missing", ["emergency_stop_reset", "start"])
 def test_motion_after_a_stop_is_undecided_where_resets_or_starts_are_not_recorded(missing: str) -> None:
     t = np.arange(501) / 100
