@@ -354,6 +354,7 @@ MESSAGE = _record(0x05, struct.pack("<HIQQ", 1, 0, 5, 5))
         ([_record(0x00, b"")], "record type 0x00 cannot stand here"),
         ([_chunk(_chunk(b""))], "record 0x06"),
         ([_chunk(CHANNEL[:-1])], "cannot be there"),
+        ([_record(0x06, bytes(28) + _text("lz4") + bytes(7))], "head is longer than its record"),
         ([_chunk(b"", size=10)], "holds 0 bytes instead of the announced 10"),
         ([_chunk(b"abc", compression="snappy")], "compression 'snappy' is not one of"),
         ([_chunk(b"abc", compression="lz4", size=2**60)], "more than the 1073741824 allowed"),

@@ -162,6 +162,15 @@ def test_a_briefcase_never_submitted_earns_nothing(rule: Rule, verdict: Verdict)
     assert verdicts(rule, trial(), order("assembly", (PUMP, at(0)))) == [verdict]
 
 
+def test_what_is_missing_is_listed_by_name() -> None:
+    battery = "assembly_battery_blue"
+    wanted = order("assembly", (PUMP, at(0)), (battery, at(0.1)), (PUMP, at(0.2)))
+
+    finding = only(NoneMissing(kind="assembly"), trial(handed_in()), wanted)
+
+    assert f"missing: 1 {battery}, 2 {PUMP}" in finding.message
+
+
 @pytest.mark.parametrize(
     ("count", "message"), [(1, "1 of 2 products"), (2, "nothing is missing"), (3, "nothing is missing")]
 )
