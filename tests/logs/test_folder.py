@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import random
 import struct
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,19 @@ def test_the_ratio_counts_only_where_much_is_announced() -> None:
     inflating.check_announced((1 << 26) + 1, (1 << 17))
     with pytest.raises(ValueError, match="1000 times"):
         inflating.check_announced((1 << 26) + 1, (1 << 26) // 1000)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [random.Random(1).randbytes(300_000), bytes(300_000), b"text" * 100_000],  # noqa: S311  # no secrets
+    ids=["raw", "repeated", "packed"],
+)
+def test_a_frame_of_several_blocks_ends_where_its_blocks_do(data: bytes) -> None:
+    # A block of zstd holds at most 128 KiB.
+    frame = zstd.compress(data)
+
+    assert inflating._end_of_zstd(frame + b"more") == len(frame)
+    assert inflating._end_of_zstd(frame[:-1]) != len(frame) - 1
 
 
 def test_a_limit_of_the_environment_must_be_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
