@@ -178,10 +178,22 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
     return signals, builder.bodies, builder.unrecorded, builder.witnessed, defects, kits
 
 
+@pytest.mark.parametrize(("encoding", "flush_every"), [("cdr", None), ("ros1", 60)])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_same_as_one_by_one_in_a_few_recordings(
+    seed: int, encoding: str, flush_every: int | None
+) -> None:
+    assert_the_same_as_one_by_one(seed, encoding, flush_every)
+
+
 @pytest.mark.slow
 @settings(max_examples=80)
 @given(st.integers(0, 2**32), st.sampled_from(["cdr", "ros1"]), st.sampled_from([None, 1, 7, 60]))
 def test_the_same_as_one_by_one(seed: int, encoding: str, flush_every: int | None) -> None:
+    assert_the_same_as_one_by_one(seed, encoding, flush_every)
+
+
+def assert_the_same_as_one_by_one(seed: int, encoding: str, flush_every: int | None) -> None:
     items = Recording(random.Random(seed), encoding=encoding).items  # noqa: S311  # dice, not secrets
 
     assert gathered(items, flush_every, together=True) == gathered(items, None, together=False)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import random
+import struct
 from pathlib import Path
 from typing import Any
 
 import pytest
 from backports import zstd
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from ariac_score.errors import LogError
@@ -104,6 +109,19 @@ def test_the_ratio_counts_only_where_much_is_announced() -> None:
         inflating.check_announced((1 << 26) + 1, (1 << 26) // 1000)
 
 
+@pytest.mark.parametrize(
+    "data",
+    [random.Random(1).randbytes(300_000), bytes(300_000), b"text" * 100_000],  # noqa: S311  # no secrets
+    ids=["raw", "repeated", "packed"],
+)
+def test_a_frame_of_several_blocks_ends_where_its_blocks_do(data: bytes) -> None:
+    # A block of zstd holds at most 128 KiB.
+    frame = zstd.compress(data)
+
+    assert inflating._end_of_zstd(frame + b"more") == len(frame)
+    assert inflating._end_of_zstd(frame[:-1]) != len(frame) - 1
+
+
 def test_a_limit_of_the_environment_must_be_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ARIAC_SCORE_MOST_INFLATION", "many")
     with pytest.raises(LogError, match="'many'"):
@@ -121,6 +139,33 @@ def test_messages_are_counted_over_all_files(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="announces 21 messages, the files hold 20"):
         list(scan)
     assert scan.share == 1.0
+
+
+@pytest.mark.parametrize("announced", [19, 20, 21])
+def test_messages_that_lie_in_no_chunk_are_counted_too(tmp_path: Path, announced: int) -> None:
+    folder = recording(tmp_path / "r", StoragePlugin.MCAP)
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 20", f"message_count: {announced}"))
+    packed_file(folder).write_bytes(zstd.compress(without_chunks()))
+
+    if announced == 20:
+        assert len(list(FolderScan(folder))) == 1 + 20
+    else:
+        with pytest.raises(LogError, match=f"announces {announced} messages, the files hold 20"):
+            list(FolderScan(folder))
+
+
+def without_chunks() -> bytes:
+    """Twenty numbers as the writer of the format's authors leaves them with `use_chunking=False`."""
+    content = io.BytesIO()
+    writer = McapWriter(content, use_chunking=False, compression=CompressionType.NONE)
+    writer.start("ros2")
+    schema = writer.register_schema(TYPE, "ros2msg", b"float64 data")
+    channel = writer.register_channel("/x", "cdr", schema)
+    for i in range(20):
+        writer.add_message(channel, 10**18 + i, b"\0\1\0\0" + struct.pack("<d", i / 8), 10**18 + i)
+    writer.finish()
+    return content.getvalue()
 
 
 @every_storage

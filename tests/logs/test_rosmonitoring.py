@@ -16,6 +16,7 @@ from ariac_score.cli import main
 from ariac_score.logs.rosmonitoring import (
     RosMonitoringReader,
     channel_of,
+    clock_of,
     fields_of,
     parse_object,
     rows,
@@ -106,6 +107,19 @@ def test_wall_clock_stamps_count_from_the_first(tmp_path: Path) -> None:
 
     assert str(result.score) == "19.761677"
     assert result.measured.clock == f"wall-clock time, origin {ORIGIN_NS} ns"
+
+
+@pytest.mark.parametrize(
+    ("time_s", "clock"),
+    [
+        (None, "no time"),
+        (0.0, "simulated time"),
+        (999_999_999.9, "simulated time"),
+        (1_000_000_000.0, "wall-clock time"),  # 2001-09-09 01:46:40 UTC
+    ],
+)
+def test_a_stamp_of_this_century_is_wall_clock_time(time_s: float | None, clock: str) -> None:
+    assert clock_of(time_s) == clock
 
 
 def test_info_counts_what_a_log_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -355,6 +355,7 @@ MESSAGE = _record(0x05, struct.pack("<HIQQ", 1, 0, 5, 5))
         ([_chunk(_chunk(b""))], "record 0x06"),
         ([_record(0x06, bytes(31))], "its head has 31 bytes"),
         ([_chunk(CHANNEL[:-1])], "cannot be there"),
+        ([_record(0x06, bytes(28) + _text("lz4") + bytes(7))], "head is longer than its record"),
         ([_chunk(b"", size=10)], "holds 0 bytes instead of the announced 10"),
         ([_chunk(b"abc", compression="snappy")], "compression 'snappy' is not one of"),
         ([_chunk(b"abc", compression="lz4", size=2**60)], "more than the 1073741824 allowed"),

@@ -62,6 +62,18 @@ def test_cut_anywhere_it_is_refused_and_never_half_read(tmp_path: Path) -> None:
             list(SqliteScan(path))
 
 
+@pytest.mark.parametrize("bytes_more", [-512, 1])
+def test_pages_that_are_missing_or_not_whole_are_told(tmp_path: Path, bytes_more: int) -> None:
+    # SQLite itself does not mind bytes behind the last page.
+    path = bag(tmp_path / "t.db3", [1.5, 2.5])
+    whole = path.read_bytes()
+    pages = len(whole) // 512
+    path.write_bytes((whole + b"\0")[: len(whole) + bytes_more])
+
+    with pytest.raises(LogError, match=f"the file is cut off: .* speaks of {pages} pages of 512 bytes"):
+        list(SqliteScan(path))
+
+
 def test_any_changed_byte_gives_numbers_of_this_length_or_an_error(tmp_path: Path) -> None:
     path = bag(tmp_path / "t.db3", [1.5, 2.5, -4.0])
     whole = path.read_bytes()

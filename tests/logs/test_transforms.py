@@ -64,6 +64,43 @@ def test_a_leading_slash_of_a_frame_is_ignored() -> None:
     assert "position/gantry" in settled(tree_of((0.0, transform("/world", "/torso", (1, 0, 0))))).signals
 
 
+def test_one_frame_written_in_two_ways_keeps_every_sample_in_order() -> None:
+    # 24 transforms come at a time, 12 of each spelling: first there is room for 64.
+    names, count = ["world", "torso", "/torso"], 96
+    x = np.arange(1.0, count + 1)
+    columns = [x, *(np.zeros(count) for _ in range(5)), np.ones(count)]
+    stamps_ns, children = np.arange(count) * 10_000_000, np.tile([1, 2], count // 2)
+    tree = TransformTree("world", file=Path("t.bag"))
+    for first in range(0, count, 24):
+        some = slice(first, first + 24)
+        tree.add_many(
+            names,
+            np.zeros(24, dtype=np.int64),
+            children[some],
+            [column[some] for column in columns],
+            stamps_ns[some],
+            np.ones(24, dtype=bool),
+        )
+
+    builder = settled(tree)
+
+    assert builder.signals["position/gantry"].values[:, 0].tolist() == x.tolist()
+    assert not builder._defects
+
+
+def test_every_transform_of_a_tree_comes_to_another_clock() -> None:
+    tree = tree_of(
+        (5.0, transform("world", "rail", (1, 0, 0))),
+        (5.0, transform("rail", "torso", (0, 2, 0))),
+        (6.0, transform("rail", "torso", (0, 3, 0))),
+    )
+
+    tree.retime(lambda stamps_ns: stamps_ns - 4_000_000_000)
+
+    signal = settled(tree).signals["position/gantry"]
+    assert (signal.t.tolist(), signal.values.tolist()) == ([1.0], [[1.0, 2.0, 0.0]])
+
+
 def test_a_parent_that_turns_carries_its_child_around() -> None:
     # A quarter turn about z takes the hand from 2 m ahead (x) to 2 m to the left (y) of the torso.
     tree = tree_of(

@@ -232,6 +232,23 @@ def test_bounds_that_no_float_has_still_include_their_sample() -> None:
     assert only("always[0,0] eventually[0.3,0.3] d > 1", trial(t, [0, 5])).verdict is SATISFIED
 
 
+@pytest.mark.parametrize(
+    ("bounds", "row", "moved_s"), [("[0.10000000105,0.25]", 1, 1e-10), ("[0.05,0.19999999895]", 2, -1e-10)]
+)
+def test_a_sample_at_the_tolerance_of_a_bound_counts_by_its_own_time(
+    bounds: str, row: int, moved_s: float
+) -> None:
+    # A bound includes what is 1e-9 s outside: samples from 0.10000000005 s on, or to 0.19999999995 s.
+    # The samples are so evenly spaced that windows are counted in steps otherwise.
+    t, d = tenths(10), [0.0] * 10
+    d[row] = 5.0
+    outside = only(f"eventually{bounds} d > 1", trial(t, d))
+    t[row] += moved_s
+    inside = only(f"eventually{bounds} d > 1", trial(t, d))
+
+    assert (outside.verdict, inside.verdict) == (VIOLATED, SATISFIED)
+
+
 # Without a value -----------------------------------------------------------------------
 
 
@@ -327,6 +344,21 @@ def test_what_a_window_longer_than_the_trial_counts_as(subtests: pytest.Subtests
         with subtests.test(beyond=beyond):
             assert only("always[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
             assert only("historically[0,60] d > 1", trial(tenths(10)), beyond=beyond).verdict is verdict
+
+
+@pytest.mark.parametrize("time", ["discrete", "dense"])
+@pytest.mark.parametrize(
+    ("beyond", "verdict"),
+    [("undecided", INCONCLUSIVE), ("weak", SATISFIED), ("strong", VIOLATED), ("cut", VIOLATED)],
+)
+def test_what_is_awaited_when_the_trial_ends_counts_as_the_policy_says(
+    beyond: Any, verdict: Verdict, time: Any
+) -> None:
+    kept = trial(tenths(10), 5.0, 0.0)
+
+    assert only("d > 1 until[0,60] v > 0.5", kept, beyond=beyond, time=time).verdict is verdict
+    broken = trial(tenths(10), [5.0] * 9 + [0.0], 0.0)  # before the end, so that nothing beyond it helps
+    assert only("d > 1 until[0,60] v > 0.5", broken, beyond=beyond, time=time).verdict is VIOLATED
 
 
 @pytest.mark.parametrize("time", ["discrete", "dense"])

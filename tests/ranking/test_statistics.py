@@ -23,7 +23,7 @@ from ariac_score.ranking.resampling import (
     widening,
 )
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec, places
-from ariac_score.ranking.statistics import Pair, Statistics, _added, rank_statistics
+from ariac_score.ranking.statistics import Pair, Statistics, _added, _Level, rank_statistics
 from ariac_score.scoring.expression import Expression
 
 DIGITS = 3
@@ -510,6 +510,15 @@ def test_the_joint_interval_of_a_single_pair_reaches_as_far_as_that_share_of_the
 
     assert ahead.joint_high - ahead.ahead == pytest.approx(reach, abs=2 * LAST_DIGITS)
     assert ahead.ahead - ahead.joint_low == pytest.approx(reach, abs=2 * LAST_DIGITS)
+
+
+@pytest.mark.parametrize("drawn", [5.0, 9.0, 40.0])
+def test_where_all_but_no_chance_is_left_a_joint_interval_has_an_end(drawn: float) -> None:
+    # With many degrees of freedom Student's distribution is the normal one, which widens nothing; beyond
+    # 8.3 standard deviations the normal distribution is 1 to the last bit, whose quantile is infinite.
+    reach = _Level(0.95, 1_000_000).joint(np.full(100, drawn))
+
+    assert reach == pytest.approx(drawn, rel=1e-3)
 
 
 # What separates equal teams, drawn with them -------------------------------------------------

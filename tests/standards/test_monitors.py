@@ -1036,7 +1036,8 @@ def test_a_region_is_found_however_it_is_written(name: str) -> None:
 
 
 def test_an_unknown_region_takes_the_weakest_at_its_height(subtests: pytest.Subtests) -> None:
-    cases: list[tuple[float, float]] = [(0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)]
+    # Below the floor and above the hand nothing can be met, so that the face counts, the weakest of all.
+    cases = [(-0.05, 65.0), (0.1, 130.0), (1.6, 65.0), (2.4, 140.0), (5.0, 65.0)]
     for height, force in cases:
         with subtests.test(height=height, force=force):
             assert limits_at(height).force_n == force
@@ -1424,6 +1425,24 @@ def test_a_truck_may_not_start_again_after_what_else_latches(kind: str) -> None:
     assert f"after the {kind.replace('_', ' ')} at 30.000 s" in found.message
     assert found.quantities["before_start_s"] == pytest.approx(0.9)
     assert verdicts(EstopRestart(kind="agv"), trial) == [INCONCLUSIVE]  # no emergency stop is recorded
+
+
+@pytest.mark.parametrize(
+    ("hidden_s", "kept"),
+    [((0.2, 0.5), True), ((2.0, 2.5), False), ((4.2, 4.5), True)],
+    ids=["before the stop", "at rest", "after the start"],
+)
+def test_only_what_is_hidden_between_a_stop_and_the_next_start_leaves_it_open(
+    hidden_s: tuple[float, float], kept: bool
+) -> None:
+    t = np.arange(501) / 100
+    t = t[(t <= hidden_s[0]) | (t >= hidden_s[1])]
+    events = [Event(1.0, "emergency_stop"), Event(3.0, "emergency_stop_reset"), Event(4.0, "start")]
+
+    found = verdicts(EstopRestart(), trial_of({"speed/r": ("m/s", 0.0)}, t=t, events=events))
+
+    assert (SATISFIED in found) is kept
+    assert VIOLATED not in found
 
 
 @pytest.mark.parametrize("missing", ["emergency_stop_reset", "start"])

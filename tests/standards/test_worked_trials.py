@@ -156,6 +156,19 @@ def test_the_way_of_a_movement_goes_on_until_the_person_left() -> None:
     assert moved.quantities["travel_m"] == pytest.approx(0.1 * (1.01 / 2 + 4 * 0.01))
 
 
+@pytest.mark.parametrize(
+    ("speed", "resumed"),
+    [([1, 1, 1, 1, 1, 0], "no"), ([0, 0, 0, 0, 1, 0], "yes")],
+    ids=["goes on", "starts again as the person leaves"],
+)
+def test_only_a_robot_that_had_to_rest_before_starts_again(speed: list[float], resumed: str) -> None:
+    # Somebody is inside from 0.1 s to before 0.5 s, so that rest is due from 0.25 s on.
+    human = [OUTSIDE] + [INSIDE] * 4 + [OUTSIDE]
+    (moved,) = STANDING.watch(one({"position/h": ("m", human), "speed/r": ("m/s", speed)}))
+
+    assert (moved.verdict, moved.labels["resumed"]) == (Verdict.VIOLATED, resumed)
+
+
 def test_drift_is_measured_from_where_the_robot_came_to_rest() -> None:
     n = 12
     place = np.zeros((n, 3))

@@ -153,6 +153,8 @@ class McapScan(ChunkedScan):
             raise ValueError(f"a text of {named} bytes is longer than its record")
         raw += source.take(min(named + 8, length - len(raw)), what)
         compression, at = _text(raw, _CHUNK_HEAD.size)
+        if len(raw) < at + 8:
+            raise ValueError("its head is longer than its record")
         (packed,) = struct.unpack_from("<Q", raw, at)
         if packed != length - len(raw):
             raise ValueError(f"it announces {packed} bytes of records and has {length - len(raw)}")

@@ -254,6 +254,10 @@ class TransformTree:
             moving: Whether it holds at its time only, shape (n,); otherwise it is static.
             share: The share of the recording that was read, as far as is known, 0 to 1.
         """
+        first: dict[str, int] = {}
+        table = np.array([first.setdefault(_frame(name), number) for number, name in enumerate(names)])
+        if len(first) < len(names):  # both `/base` and `base`, say: one frame, whose samples keep their order
+            parents, children = table[parents], table[children]
         pair = parents * len(names) + children  # one number for each edge of the tree
         usable = _are_units(columns[3:])
         for column in columns[:3]:

@@ -580,10 +580,8 @@ def _interim(path: Path, lines: Sequence[_Line], *, whole: bool) -> _ParsedLog:
         raise _cut_off(path, "no order is listed")
     log = _ParsedLog("2023, interim", trial.printed(), [_order_interim(k, v) for k, v in blocks.items()])
     log.printed_total = trial.number("trial_score", "total_score")
+    # Not the completion times of the orders: each counts from the announcement of its order.
     log.completed_s = trial.time("trial_completion_time", "completion_time")
-    if log.completed_s is None:
-        ends = [values.time("completion_time") for values in blocks.values()]
-        log.completed_s = max((end for end in ends if end is not None), default=None)
     return log
 
 

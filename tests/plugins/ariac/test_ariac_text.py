@@ -68,6 +68,15 @@ def test_is_a_reader() -> None:
     assert isinstance(READER, Reader)
 
 
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    shares: list[float] = []
+    path = tmp_path / "performance.log"
+    path.write_text(IDLE, encoding="utf-8")
+    READER.read(path, Wanted(LogMap("test"), progress=shares.append))
+
+    assert shares[-1] == 1.0
+
+
 # The real logs
 
 

@@ -162,6 +162,28 @@ def test_a_briefcase_never_submitted_earns_nothing(rule: Rule, verdict: Verdict)
     assert verdicts(rule, trial(), order("assembly", (PUMP, at(0)))) == [verdict]
 
 
+def test_what_is_missing_is_listed_by_name() -> None:
+    battery = "assembly_battery_blue"
+    wanted = order("assembly", (PUMP, at(0)), (battery, at(0.1)), (PUMP, at(0.2)))
+
+    finding = only(NoneMissing(kind="assembly"), trial(handed_in()), wanted)
+
+    assert f"missing: 1 {battery}, 2 {PUMP}" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("count", "message"), [(1, "1 of 2 products"), (2, "nothing is missing"), (3, "nothing is missing")]
+)
+def test_where_only_the_number_counts_any_product_stands_for_any_other(count: int, message: str) -> None:
+    wanted = order("assembly", (PUMP, at(0)), (PUMP, at(0.1)))
+    briefcase = trial(handed_in(*[Product("assembly_battery_blue", at(0))] * count))
+
+    finding = only(NoneMissing(kind="assembly", compare="number"), briefcase, wanted)
+
+    assert finding.verdict is (VIOLATED if count < 2 else SATISFIED)
+    assert message in finding.message
+
+
 # Briefcases ----------------------------------------------------------------------------
 
 

@@ -369,6 +369,19 @@ def test_the_interim_layout_of_2023_dates_its_orders(tmp_path: Path) -> None:
     assert trial.witnessed == frozenset()
 
 
+def test_the_completion_times_of_orders_do_not_tell_when_the_trial_ended(tmp_path: Path) -> None:
+    # As the simulator computes them: 80.25 s of the submission less 0.5 s of the announcement.
+    assert "Completion time: 79.75" in INTERIM_2023
+    untold = read(tmp_path, INTERIM_2023)
+    told = read(
+        tmp_path, INTERIM_2023.replace("Trial score: 12", "Trial completion time: 95.5\nTrial score: 12")
+    )
+
+    assert (untold.ended_s, told.ended_s) == (None, 95.5)
+    assert untold.official is not None
+    assert untold.official.process_time_s is None
+
+
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
