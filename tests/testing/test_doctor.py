@@ -198,7 +198,7 @@ def test_a_broken_plugin_is_in_the_list_and_stops_no_other(
     assert "kitting.pose" in out
     assert err.splitlines() == [
         "error: 1 plugin cannot be used: odd.rule",
-        "hint: 'ariac-score plugins doctor' says what is wrong with each",
+        "hint: 'ariac-score plugins doctor' says what is wrong with each, and what to do",
     ]
 
 
