@@ -1001,7 +1001,7 @@ def test_a_scheduler_that_is_not_there_is_named(
     for scheduler, cause in (("", "needs a scheduler"), ("tcp://127.0.0.1:9", "cannot be reached")):
         with pytest.raises(UsageError, match=cause):
             dask.dask_executor(jobs=0, scheduler=scheduler, out=tmp_path, work=tmp_path)
-    with pytest.raises(UsageError, match="for the workers to say"):
+    with pytest.raises(UsageError, match="the workers decide how many runs"):
         dask.dask_executor(jobs=2, scheduler="tcp://127.0.0.1:9", out=tmp_path, work=tmp_path)
 
 

@@ -225,4 +225,4 @@ def test_the_cluster_of_before_the_last_start_of_the_machine_is_named_at_once(
     assert "the cluster at auto cannot be reached" in err
     assert "ray start --head" in err
     assert main([*command, "--executor", "ray", "--scheduler", "auto", "-j", "2"]) == 4
-    assert "for the cluster to say" in capsys.readouterr().err
+    assert "the cluster decides how many runs" in capsys.readouterr().err
