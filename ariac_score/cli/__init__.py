@@ -23,6 +23,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from ariac_score.errors import ScoreError
+from ariac_score.terminal.output import discard_output
 from ariac_score.terminal.style import plain, style_for
 
 __all__ = ["main"]
@@ -116,20 +117,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # No matrix here is large enough for the threads that numpy would start, and these wait by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    given, author = sys.argv[1:] if argv is None else argv, ""
+    given, author, code = sys.argv[1:] if argv is None else argv, "", 0
     try:
         arguments = _parser(given[0] if given else "").parse_args(given)
         author = getattr(arguments, "author", "")
-        code: int = arguments.run(arguments)
+        code = int(arguments.run(arguments))
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # The reader of the output has gone, as with `| head`, which is no error. Python would still report
-        # one when it flushes at exit, unless the output goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        discard_output()
+        return code  # of a command that is done: a score that is withheld stays so, whoever reads it
     except OSError as error:
         # Readers raise errors of their own, so it is the output that cannot be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

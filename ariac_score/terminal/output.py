@@ -16,6 +16,7 @@ from ariac_score.terminal.style import plain
 
 __all__ = [
     "counting_bar",
+    "discard_output",
     "progress_bar",
     "refuse_inputs",
     "write",
@@ -34,7 +35,11 @@ def write(text: str, file: Path | None) -> None:
         UsageError: The file cannot be written.
     """
     if file is None:
-        sys.stdout.write(text)
+        try:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        except BrokenPipeError:  # the command goes on: its exit code is what it found, whoever reads it
+            discard_output()
     else:
         write_bytes(text.encode("utf-8"), file)
 
@@ -50,6 +55,14 @@ def write_bytes(content: bytes, file: Path) -> None:
         UsageError: The file cannot be written.
     """
     _put(lambda out: out.write(content), file)
+
+
+def discard_output() -> None:
+    """Send standard output nowhere from here on, after its reader has gone, as with `| head`.
+
+    Python would still report an error when it flushes at exit.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def write_copy(source: Path, file: Path) -> None:

@@ -277,6 +277,19 @@ score: 100 - 5 * count(near)
 """
 
 
+def test_a_reader_that_goes_early_changes_no_code(tmp_path: Path) -> None:
+    write_trial_log(tmp_path / "x.jsonl", kitting_trial(human=False), signals=["speed/robot"])
+    command = [sys.executable, "-m", "ariac_score.cli", "score", "x.jsonl", "--rules", "paper2020"]
+
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as scoring:
+        assert scoring.stdout is not None
+        scoring.stdout.close()
+
+    assert scoring.returncode == 6  # withheld, for nobody saw the human
+
+
 def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
