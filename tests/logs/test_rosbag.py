@@ -6,6 +6,7 @@ import json
 import re
 import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -274,7 +275,7 @@ def test_a_topic_of_signals_that_has_no_messages_is_named_unless_optional(
     path = write_bag(
         tmp_path / "t.db3", [speed_message("/human_1"), speed_message("/human_2", 1)], storage="sqlite3"
     )
-    with sqlite3.connect(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute(
             "DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name = '/human_2')"
         )
