@@ -1,0 +1,48 @@
+"""What a check measures: unit and role of each quantity in its findings, declared once by the plugin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Measure", "Role", "measures_of"]
+
+Role = Literal["points", "penalty", "factor", "measure"]
+"""What a quantity is in a score.
+
+`points`: what the work earned; where nothing was done it is 0. `penalty`: what violations cost; where
+there is none it is 0. `factor`: what points are multiplied by; where nothing is wrong it is 1.
+`measure`: a number such as a time or a length, which a formula turns into any of these.
+"""
+
+_BEST: Mapping[str, float] = {"points": 0.0, "penalty": 0.0, "factor": 1.0}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One quantity of the findings of a check.
+
+    Attributes:
+        unit: Such as `s`, `m`, `points`, `count`; `1` for a number without a unit.
+        role: What it is in a score.
+        best: Its value in a trial that nothing can be said against, which a ledger compares with;
+            `None`: what the role says, and for a `measure` that nobody can say.
+        meaning: In words, for pages and `plugins show`.
+    """
+
+    unit: str
+    role: Role = "measure"
+    best: float | None = None
+    meaning: str = ""
+
+    @property
+    def reference(self) -> float | None:
+        """The value a ledger compares with; `None` where nobody can say one."""
+        return self.best if self.best is not None else _BEST.get(self.role)
+
+
+def measures_of(check: object) -> Mapping[str, Measure]:
+    """The quantities that a check (or its class) declares in `measures`, by name; none without it."""
+    declared = getattr(check, "measures", None)
+    return declared if isinstance(declared, Mapping) else {}
