@@ -75,8 +75,8 @@ class Rule(Protocol):
     `level` names. It may name the competition's own class of items as the type of `item`.
 
     A rule that rests on the official result alone says so with a class attribute
-    `reads_official = True`; only such rules judge an order of which nothing but its
-    official score is known (`Order.outline`).
+    `reads_official = True`; only such rules judge an item of which nothing but its
+    official score is known (it has an attribute `outline` that is true).
     """
 
     def judge(self, trial: Trial, item: Any, /) -> Iterable[Finding]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.findings import Finding, Verdict, canonical
+from ariac_score.checks.measures import measures_of
 from ariac_score.engine.ask import ask, charts_of
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import LogError
@@ -61,6 +63,9 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        measures={
+            name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
+        },
     )
 
 
@@ -84,10 +89,14 @@ def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
 def needs_alike(first: Prepared, second: Prepared) -> bool:
     """Whether two rule sets read the same trial from the same files, so that findings hold for both."""
     return (
-        first.rule_set.edition == second.rule_set.edition
+        _named(first.rule_set.competition) == _named(second.rule_set.competition)
         and first.log_map.sha256 == second.log_map.sha256
         and list(dict.fromkeys(first.needs)) == list(dict.fromkeys(second.needs))
     )
+
+
+def _named(competition: Check | None) -> tuple[str, Mapping[str, Any]] | None:
+    return None if competition is None else (competition.use, competition.parameters)
 
 
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
