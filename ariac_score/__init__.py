@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ariac_score.checks.contracts import (
         Charting,
+        Competition,
         Decoder,
         EventMonitor,
         EventWatch,
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
         OnlineWatch,
         Reader,
         ReaderFacts,
+        RecordKind,
         Resolving,
         Rule,
         SignalNeed,
         TopicDescription,
+        TrackReader,
         Wanted,
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
@@ -66,8 +69,8 @@ if TYPE_CHECKING:
     from ariac_score.terminal.output import write_output
     from ariac_score.terminal.style import plain
     from ariac_score.trial.arrivals import Alignment, Arrivals
-    from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
-    from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
+    from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, first_announced, only
+    from ariac_score.trial.channels import LogMap
     from ariac_score.trial.chart import Chart
     from ariac_score.trial.clock import Clock
     from ariac_score.trial.events import (
@@ -77,26 +80,18 @@ if TYPE_CHECKING:
         ORDER_ANNOUNCED,
         PART_DROPPED,
         Event,
+        EventNumber,
     )
-    from ariac_score.trial.kits import ModelTrack
+    from ariac_score.trial.frozen import FrozenMap
     from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
-        FaultMarks,
-        Kit,
-        KitRecord,
         LogDefect,
         OfficialOrder,
         OfficialResult,
-        Order,
         Pose,
-        Product,
-        Submission,
-        Task,
         TeamSetup,
-        Tray,
         Trial,
-        WantedProduct,
     )
     from ariac_score.trial.signals import Sample, Signal, align
     from ariac_score.trial.spans import (
@@ -107,10 +102,21 @@ if TYPE_CHECKING:
         uncovered_spans,
     )
     from ariac_score.trial.sums import exact_sum
+    from ariac_score.trial.tracks import ModelTrack
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
-    from ariac_score.trial.work import Fact, Item, WorkItem, number_of_fact
+    from ariac_score.trial.work import Fact, Item, Record, Submission, WorkItem, number_of_fact
 
 _MODULE_OF = {
+    "Competition": "ariac_score.checks.contracts",
+    "RecordKind": "ariac_score.checks.contracts",
+    "TrackReader": "ariac_score.checks.contracts",
+    "only": "ariac_score.trial.build",
+    "first_announced": "ariac_score.trial.build",
+    "FrozenMap": "ariac_score.trial.frozen",
+    "EventNumber": "ariac_score.trial.events",
+    "ModelTrack": "ariac_score.trial.tracks",
+    "Record": "ariac_score.trial.work",
+    "Submission": "ariac_score.trial.work",
     "number_of_fact": "ariac_score.trial.work",
     "WorkItem": "ariac_score.trial.work",
     "Item": "ariac_score.trial.work",
@@ -134,13 +140,9 @@ _MODULE_OF = {
     "EventMonitor": "ariac_score.checks.contracts",
     "EventWatch": "ariac_score.checks.contracts",
     "Expression": "ariac_score.scoring.expression",
-    "FaultMarks": "ariac_score.trial.model",
     "Finding": "ariac_score.checks.findings",
     "FloatArray": "ariac_score.trial.spans",
     "FormulaError": "ariac_score.errors",
-    "Kit": "ariac_score.trial.model",
-    "KitMap": "ariac_score.trial.channels",
-    "KitRecord": "ariac_score.trial.model",
     "LARGEST_STEP_BACK_S": "ariac_score.trial.build",
     "Likeness": "ariac_score.checks.contracts",
     "Limit": "ariac_score.checks.findings",
@@ -151,7 +153,6 @@ _MODULE_OF = {
     "Margined": "ariac_score.checks.contracts",
     "Measured": "ariac_score.results.result",
     "MissingSignalError": "ariac_score.errors",
-    "ModelTrack": "ariac_score.trial.kits",
     "Monitor": "ariac_score.checks.contracts",
     "NothingToScoreError": "ariac_score.errors",
     "ORDER_ANNOUNCED": "ariac_score.trial.events",
@@ -159,13 +160,11 @@ _MODULE_OF = {
     "OfficialResult": "ariac_score.trial.model",
     "OnlineMonitor": "ariac_score.checks.contracts",
     "OnlineWatch": "ariac_score.checks.contracts",
-    "Order": "ariac_score.trial.model",
     "OrderPlan": "ariac_score.ranking.evaluation",
     "PART_DROPPED": "ariac_score.trial.events",
     "ParameterFacts": "ariac_score.checks.parameters",
     "Pinned": "ariac_score.results.result",
     "Pose": "ariac_score.trial.model",
-    "Product": "ariac_score.trial.model",
     "Provenance": "ariac_score.results.result",
     "QUANTITIES": "ariac_score.trial.vocabulary",
     "Quantity": "ariac_score.trial.vocabulary",
@@ -184,18 +183,13 @@ _MODULE_OF = {
     "InstantVerdict": "ariac_score.checks.contracts",
     "Status": "ariac_score.checks.parameters",
     "Stop": "ariac_score.ranking.evaluation",
-    "Submission": "ariac_score.trial.model",
-    "Task": "ariac_score.trial.model",
     "TeamSetup": "ariac_score.trial.model",
     "TopicDescription": "ariac_score.checks.contracts",
-    "Tray": "ariac_score.trial.model",
-    "TrayMatch": "ariac_score.trial.channels",
     "Trial": "ariac_score.trial.model",
     "TrialBuilder": "ariac_score.trial.build",
     "UsageError": "ariac_score.errors",
     "Verdict": "ariac_score.checks.findings",
     "Wanted": "ariac_score.checks.contracts",
-    "WantedProduct": "ariac_score.trial.model",
     "YamlDocument": "ariac_score.documents.yaml",
     "add_up": "ariac_score.scoring.expression",
     "align": "ariac_score.trial.signals",
@@ -238,24 +232,23 @@ __all__ = [
     "Clock",
     "Code",
     "Cohort",
+    "Competition",
     "DataFileError",
     "Decoder",
     "Entry",
     "Evaluation",
     "Event",
     "EventMonitor",
+    "EventNumber",
     "EventWatch",
     "Expression",
     "Fact",
-    "FaultMarks",
     "Finding",
     "FloatArray",
     "FormulaError",
+    "FrozenMap",
     "InstantVerdict",
     "Item",
-    "Kit",
-    "KitMap",
-    "KitRecord",
     "Likeness",
     "Limit",
     "LogDefect",
@@ -272,16 +265,16 @@ __all__ = [
     "OfficialResult",
     "OnlineMonitor",
     "OnlineWatch",
-    "Order",
     "OrderPlan",
     "ParameterFacts",
     "Pinned",
     "Pose",
-    "Product",
     "Provenance",
     "Quantity",
     "Reader",
     "ReaderFacts",
+    "Record",
+    "RecordKind",
     "RecordedMessage",
     "Resolving",
     "Result",
@@ -295,17 +288,14 @@ __all__ = [
     "Status",
     "Stop",
     "Submission",
-    "Task",
     "TeamSetup",
     "TopicDescription",
-    "Tray",
-    "TrayMatch",
+    "TrackReader",
     "Trial",
     "TrialBuilder",
     "UsageError",
     "Verdict",
     "Wanted",
-    "WantedProduct",
     "WorkItem",
     "YamlDocument",
     "add_up",
@@ -315,6 +305,7 @@ __all__ = [
     "did_you_mean",
     "episodes_where",
     "exact_sum",
+    "first_announced",
     "load_cohort",
     "load_log_map",
     "load_result",
@@ -322,6 +313,7 @@ __all__ = [
     "load_yaml",
     "measure_trial",
     "number_of_fact",
+    "only",
     "parameter",
     "parameter_facts",
     "plain",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +15,7 @@ from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import DataFileError, did_you_mean
 
-__all__ = ["schema", "schema_errors", "shipped_rules", "strict_json", "validate"]
+__all__ = ["errors_by", "schema", "schema_errors", "shipped_rules", "strict_json", "validate"]
 
 
 def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
@@ -66,7 +66,16 @@ def _validator(name: str, definition: str) -> Draft202012Validator:
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
     """The faults of a value by a schema: for each its path, the cause and the remedy."""
-    faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
+    return _described(data, _validator(name, definition))
+
+
+def errors_by(data: Any, own: Mapping[str, Any]) -> list[tuple[Place, str, str]]:
+    """The faults of a value by a schema that a plugin brings."""
+    return _described(data, Draft202012Validator(own))
+
+
+def _described(data: Any, validator: Draft202012Validator) -> list[tuple[Place, str, str]]:
+    faults = [_deepest(fault) for fault in validator.iter_errors(data)]
     described = [(fault.validator == "required", _description(fault)) for fault in faults]
     # Missing keys last: most often the key is there, misspelt, and its own fault says so better.
     return [fault for _, fault in sorted(described, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]

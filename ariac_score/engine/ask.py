@@ -164,7 +164,7 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
-    same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
+    same = (trial.signals, trial.facts, trial.team, trial.official, trial.records)
     arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
     try:
         small_mark = hash(small)

@@ -25,7 +25,7 @@ from ariac_score.checks.findings import canonical_number
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
-from ariac_score.engine.read import find_trial, read_needed, refuse_other_years
+from ariac_score.engine.read import find_trial, read_needed, refuse_unlikely
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.logs.bundle import Bundle
 from ariac_score.results.codec import Format
@@ -211,7 +211,7 @@ def audit(
         return Audit(bundle.id, official.source, layout, outcome)
     block = _block_of(official)
     rule_set = _chosen(rules, layout, block)
-    refuse_other_years(bundle, readers, rule_set)
+    refuse_unlikely(bundle, readers, rule_set)
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
     items = _Items(rule_set.printed, orders_of(trial), ours, look.without_text(rule_set), official.source)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ariac_score import Product, Task, Trial
+from ariac_score import Trial
 from ariac_score_ariac.parts import FAULTY_ENDING
+from ariac_score_ariac.work import Product, Task
 
 __all__ = ["by_challenges", "by_list"]
 

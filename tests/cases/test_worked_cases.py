@@ -36,18 +36,12 @@ import yaml
 from ariac_score import (
     Event,
     LogError,
-    Order,
     Pose,
-    Product,
     Result,
     RuleSet,
-    Submission,
-    Task,
     TeamSetup,
-    Tray,
     Trial,
     TrialBuilder,
-    WantedProduct,
     load_rule_set,
     measure_trial,
 )
@@ -63,6 +57,7 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.clock import Clock
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 FOLDER = Path(__file__).parent / "worked"
 REGISTRY = Registry()
@@ -194,10 +189,10 @@ def task_of(document: Mapping[str, Any]) -> Task:
     )
 
 
-def submission_of(document: Mapping[str, Any]) -> Submission:
+def submission_of(document: Mapping[str, Any]) -> KitSubmission:
     no_tray = document.get("tray") == "none"
     tray = product_of(document["tray"]) if "tray" in document and not no_tray else None
-    return Submission(
+    return KitSubmission(
         document["task"],
         float(document["at"]),
         tuple(product_of(text) for text in document["products"]),

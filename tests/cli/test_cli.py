@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"

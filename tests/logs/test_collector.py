@@ -18,10 +18,10 @@ from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.logs.gather import collector
 from ariac_score.logs.gather.collector import Collector
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.spans import Span
-from ariac_score_ariac.kit_from_poses import KitsOfModels
+from ariac_score_ariac.kit_from_poses import KitsOfModels, TrayMatch
 
 ORIGIN_NS = 1_585_866_235_112_411_371
 TF, STATES, LINKS = "tf2_msgs/msg/TFMessage", "gazebo_msgs/msg/ModelStates", "gazebo_msgs/msg/LinkStates"
@@ -145,7 +145,7 @@ LOG_MAP = LogMap(
     models=(BodyMatch("human", "human"), BodyMatch("agv*", "agv", links=("tray",))),
     frames=(BodyMatch("torso", "robot", "gantry", links=("arm", "hand")), BodyMatch("ghost", "human")),
     root_frame="world",
-    kits=KitMap(products=("gear_part*",), trays=(TRAY,)),
+    kits=KitsOfModels(products=("gear_part*",), trays=(TRAY,)),
 )
 
 

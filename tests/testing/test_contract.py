@@ -32,7 +32,6 @@ from ariac_score.testing import (
     ContractCheck,
     ContractError,
     contract_checks,
-    kitting_trial,
     made_trial,
     write_event_log,
     write_trial_log,
@@ -635,6 +634,7 @@ def test_only_who_can_begin_is_held_to_it() -> None:
 
 READER = """
 from ariac_score import LogDescription, LogError, Signal, Span, Trial
+from ariac_score_ariac.testing import kitting_trial
 
 CALLS = []
 

@@ -10,11 +10,12 @@ import pytest
 
 from ariac_score import QUANTITIES, Wanted, load_log_map
 from ariac_score.checks.registry import Registry
-from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score.logs.rosbag import RosbagReader
-from ariac_score.testing import kitting_trial, recorded_messages, write_bag
+from ariac_score.testing import recorded_messages, write_bag
 from ariac_score.testing.__main__ import main
 from ariac_score.testing.recordings import RecordsTrials
+from ariac_score_ariac.recorder_messages import AriacScoreRecords
+from ariac_score_ariac.testing import kitting_trial
 
 TESTING = Path(__file__).parents[2] / "ariac_score/testing"
 LOG_MAP = """

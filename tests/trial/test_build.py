@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ariac_score.errors import LogError
-from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials, settle_orders
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import (
     ARM_COLLISION,
@@ -18,20 +18,11 @@ from ariac_score.trial.events import (
     WATCHING,
     Event,
 )
-from ariac_score.trial.model import (
-    Body,
-    LogDefect,
-    OfficialResult,
-    Order,
-    Product,
-    Submission,
-    Task,
-    TeamSetup,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.joining import settle_orders
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 FIRST, SECOND, THIRD = Task("first"), Task("second"), Task("third")
 
@@ -121,7 +112,7 @@ def _course(*times: float | None, submitted: tuple[float, ...] = (5.0,)) -> Tria
     events = [] if start is None else [Event(start, COMPETITION_STARTED)]
     events += [] if end is None else [Event(end, COMPETITION_ENDED)]
     orders = (Order("a", (Task("a_0"),), announced_s=1.0),)
-    submissions = tuple(Submission("a_0", t_s) for t_s in submitted)
+    submissions = tuple(KitSubmission("a_0", t_s) for t_s in submitted)
     return Trial("t", work=orders, submissions=submissions, events=tuple(events), recorded=Span(0.0, 20.0))
 
 
@@ -151,7 +142,7 @@ def test_a_competition_without_a_window_is_watched_whole_and_said_to_be(
 
 def test_submissions_that_repeat_or_answer_nothing_are_counted() -> None:
     course = _course(2.0, 10.0, submitted=(5.0, 6.0))
-    stray = replace(course, submissions=(*course.submissions, Submission("nobodys", 7.0)))
+    stray = replace(course, submissions=(*course.submissions, KitSubmission("nobodys", 7.0)))
 
     defects = {d.kind: d.count for d in merged(stray).log_defects}
     assert defects == {"repeated_submission": 1, "unknown_shipment": 1}
@@ -186,7 +177,7 @@ def test_everything_comes_in_order_of_time_and_events_once() -> None:
     found = builder()
     for t_s in (5.0, 1.0, 5.0):
         found.add(Event(t_s, ARM_COLLISION))
-        found.add(Submission("task", t_s))
+        found.add(KitSubmission("task", t_s))
 
     trial = found.build()
     assert [event.t_s for event in trial.events] == [1.0, 5.0]
@@ -197,7 +188,7 @@ def test_the_recording_spans_everything_with_a_time_unless_the_reader_knows_bett
     found = builder()
     found.add_signal("speed/human", "m/s", np.array([2.0, 3.0]), np.zeros(2))
     found.add(Event(1.0, ARM_COLLISION))
-    found.add(Submission("task", 7.0))
+    found.add(KitSubmission("task", 7.0))
     assert found.build().recorded == Span(1.0, 7.0)
 
     found.recorded = Span(0.0, 9.0)
@@ -328,7 +319,7 @@ def test_events_bodies_defects_and_witnesses_of_several_logs_add_up() -> None:
 
 
 ORDERS = (Order("a", (FIRST,), announced_s=1.0),)
-SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
+SUBMITTED = (KitSubmission("task", 1.0, (Product("gear"),)),)
 
 
 @pytest.mark.parametrize(
@@ -341,7 +332,7 @@ SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
         ),
         (
             Trial("a", submissions=SUBMITTED),
-            Trial("b", submissions=(Submission("task", 2.0, (Product("gear"),)),)),
+            Trial("b", submissions=(KitSubmission("task", 2.0, (Product("gear"),)),)),
             "submissions",
         ),
         (Trial("a", team=TeamSetup("x")), Trial("b", team=TeamSetup("y")), "a team set-up"),
@@ -400,7 +391,7 @@ def test_orders_as_announced_stand_before_orders_as_configured() -> None:
 
 
 def test_submissions_with_contents_stand_before_those_without() -> None:
-    text = Trial("a", submissions=(Submission("task", 30.0),))
+    text = Trial("a", submissions=(KitSubmission("task", 30.0),))
 
     assert merged(text, Trial("b", submissions=SUBMITTED)).submissions == SUBMITTED
 
@@ -412,7 +403,7 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     text = Trial(
         "text",
         events=(Event(900.0, ARM_COLLISION), Event(800.0, COMPETITION_STARTED)),
-        submissions=(Submission("task", 950.0),),
+        submissions=(KitSubmission("task", 950.0),),
         recorded=Span(800.0, 950.0),
         clocks=(Clock("simulated time"),),
     )
@@ -449,7 +440,7 @@ def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the
     task = Trial(
         "task",
         work=(replace(ORDERS[0], announced_s=1.0),),
-        submissions=(Submission("task", 30.0),),
+        submissions=(KitSubmission("task", 30.0),),
         events=(Event(2.0, COMPETITION_STARTED),),
         recorded=Span(0.0, 40.0),
         clocks=(Clock("log time", 1_700_000_003 * s_in_ns),),

@@ -10,27 +10,18 @@ import numpy as np
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
-from ariac_score.trial.kits import RecordedKits, with_contents
-from ariac_score.trial.model import (
-    Kit,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.model import Pose, Trial
 from ariac_score.trial.signals import Signal
+from ariac_score_ariac.kits import RecordedKits, with_contents
+from ariac_score_ariac.work import Kit, KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")
 ROD = Product("piston_rod_part_blue", Pose((0.0, 0.1, 0.0)))
 KIT = Task("order_0_shipment_0", "kitting", (WantedProduct("part_0", "gear_part_red"),), "agv1")
-SUBMITTED = Submission("order_0_shipment_0", 10.0, agv="agv1")
+SUBMITTED = KitSubmission("order_0_shipment_0", 10.0, agv="agv1")
 
 
-def trial(*kits: Kit, task: Task = KIT, submission: Submission = SUBMITTED) -> Trial:
+def trial(*kits: Kit, task: Task = KIT, submission: KitSubmission = SUBMITTED) -> Trial:
     return Trial(
         "t",
         work=(Order("order_0", (task,), 1.0),),
@@ -133,7 +124,7 @@ def test_the_competition_marks_products_by_the_trial_and_the_task() -> None:
     seen = Kit("agv1", 10.0, (GEAR,), faults=by_task)
 
     assert contents(trial(seen)) == (replace(GEAR, faulty=True),)
-    assert contents(trial(seen, submission=replace(SUBMITTED, task_id="another"))) == (GEAR,)
+    assert contents(trial(seen, submission=replace(SUBMITTED, item_id="another"))) == (GEAR,)
 
 
 # Several logs

@@ -8,10 +8,11 @@ import pytest
 
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogMapError
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, TrayMatch
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap
 from ariac_score.trial.logmap import load_log_map, log_map_names
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+from ariac_score_ariac.kit_from_poses import KitsOfModels, TrayMatch
 
 SOUND = """\
 id: example
@@ -104,7 +105,7 @@ def test_a_sound_log_map_is_read_as_written(written: Path) -> None:
     tray = TrayMatch(
         "station", "*::{place}_{n}", Footprint(0.2, 0.3, 0.4, 0.02), "tray_*", Footprint(0.1, 0.15, 0.1, 0.02)
     )
-    assert log_map.kits == KitMap(2.0, "part", ("pump_*",), (tray,))
+    assert log_map.kits == KitsOfModels(2.0, "part", ("pump_*",), (tray,))
     assert tray.pattern_for("as3") == "*::as3_3"
     assert (log_map.root_frame, log_map.speed_window_s) == ("world", 0.0)
 

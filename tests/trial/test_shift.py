@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from ariac_score.trial.events import COMPETITION_STARTED, Event
-from ariac_score.trial.kits import RecordedKits
-from ariac_score.trial.model import Kit, Order, Product, Submission, Trial
+from ariac_score.trial.model import Trial
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.kits import RecordedKits
+from ariac_score_ariac.work import Kit, KitSubmission, Order, Product
 
 GEAR = Product("gear_part_red")
 TRIAL = Trial(
     "t",
     work=(Order("announced", announced_s=1.0), Order("configured")),
-    submissions=(Submission("task", 9.0),),
+    submissions=(KitSubmission("task", 9.0),),
     events=(Event(0.5, COMPETITION_STARTED),),
     signals={"speed/human": Signal("speed/human", "m/s", np.array([0.0, 2.0]), np.array([0.1, 0.2]))},
     recorded=Span(0.0, 10.0),

@@ -18,7 +18,8 @@ from ariac_score import Body, Chart, Signal, Span, Trial, as_json, load_result, 
 from ariac_score.errors import ResultError
 from ariac_score.results import sketch as sketch_module
 from ariac_score.results.sketch import DECIMALS, extremes, sketch_of
-from ariac_score.testing import NEAR_MISS, kitting_trial, write_trial_log
+from ariac_score.testing import NEAR_MISS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 

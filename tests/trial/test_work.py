@@ -7,9 +7,9 @@ import pytest
 from ariac_score import Body, Event, Fact, Finding, Item, Trial, Verdict, WorkItem, number_of_fact
 from ariac_score.checks.registry import Plugin
 from ariac_score.engine.ask import ask
-from ariac_score.trial.model import Order, Task, WantedProduct
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.work import announced_s, items_at
+from ariac_score_ariac.work import Order, Task, WantedProduct
 
 HOLES = (
     Item("hole_1", "object", {"kind": "bolt"}),

@@ -9,14 +9,8 @@ import pytest
 from workshop_calm_robot import CalmRobot
 
 from ariac_score import Body, Signal, Span, Trial, Verdict, load_rule_set, score_trial
-from ariac_score.testing import (
-    SNAPSHOT_SIGNALS,
-    ContractCheck,
-    contract_checks,
-    kitting_trial,
-    made_trial,
-    write_trial_log,
-)
+from ariac_score.testing import SNAPSHOT_SIGNALS, ContractCheck, contract_checks, made_trial, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = Path(__file__).parents[1] / "rules/workshop_calm_robot.yaml"
 BODIES = (Body("gantry", "robot"), Body("ann", "human"))

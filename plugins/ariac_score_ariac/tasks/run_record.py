@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Order, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score import Finding, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score_ariac.work import Order
 
 _KINDS = ("kit", "module", "high_priority")
 _SUBJECT = "run"

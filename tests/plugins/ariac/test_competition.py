@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ariac_score import Order, Task, WantedProduct
-from ariac_score.testing import kitting_trial
 from ariac_score.testing.recordings import RecordsTrials
 from ariac_score_ariac.competition import Ariac
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import MOTIONS
+from ariac_score_ariac.work import Order, Task, WantedProduct
 
 
 def test_every_way_to_record_what_moves_is_offered() -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ariac_score import Order, Pose, Product, Task, Trial, WantedProduct
+from ariac_score import Pose, Trial
 from ariac_score_ariac.fault_marks import by_challenges, by_list
+from ariac_score_ariac.work import Order, Product, Task, WantedProduct
 
 GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")
 SOUND = Product("pump_red", Pose((0.1, -0.1, 0.0)), name="pump_red_2")

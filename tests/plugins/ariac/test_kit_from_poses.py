@@ -22,19 +22,20 @@ from ariac_score import score_trial
 from ariac_score.checks.contracts import Wanted
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gazebo import GazeboStateReader
-from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.channels import LogMap
 from ariac_score.trial.logmap import load_log_map
-from ariac_score.trial.model import Kit, Pose, Product, Tray
+from ariac_score.trial.model import Pose
 from ariac_score_ariac.fault_marks import by_challenges, by_list
-from ariac_score_ariac.kit_from_poses import KitsOfModels, part_type, product_type
+from ariac_score_ariac.kit_from_poses import KitsOfModels, TrayMatch, part_type, product_type
+from ariac_score_ariac.work import Kit, Product, Tray
 
 QUARTER = "1.5707963267948966"
 BOX = Footprint(half_length_m=0.25, half_width_m=0.35, height_m=0.15)
-FIXED = KitMap(
+FIXED = KitsOfModels(
     products=("*_part", "*_part_*"),
     trays=(TrayMatch("agv", "{place}::kit_tray_{n}::kit_tray_{n}::tray", BOX),),
 )
-LOOSE = KitMap(
+LOOSE = KitsOfModels(
     products=("assembly_*",),
     trays=(
         TrayMatch(
@@ -46,7 +47,7 @@ LOOSE = KitMap(
         ),
     ),
 )
-PARTS = KitMap(
+PARTS = KitsOfModels(
     names="part",
     trays=(
         TrayMatch(
@@ -98,12 +99,12 @@ def state_log(folder: Path, *frames: str, end: str = "</gazebo_log>") -> Path:
     return path
 
 
-def seen(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> Kit | None:
+def seen(path: Path, place: str, t_s: float, kits: KitsOfModels = FIXED) -> Kit | None:
     (record,) = GazeboStateReader().read(path, Wanted(LogMap("test", kits=kits), kits=KitsOfModels())).kits
     return record.seen(place, t_s, max_age_s=1.0)
 
 
-def contents(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> tuple[Product, ...]:
+def contents(path: Path, place: str, t_s: float, kits: KitsOfModels = FIXED) -> tuple[Product, ...]:
     kit = seen(path, place, t_s, kits)
     assert kit is not None
     return kit.contents

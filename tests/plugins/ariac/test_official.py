@@ -16,10 +16,8 @@ from ariac_score import (
     Monitor,
     OfficialOrder,
     OfficialResult,
-    Order,
     Result,
     Rule,
-    Task,
     Trial,
     Verdict,
     load_rule_set,
@@ -34,6 +32,7 @@ from ariac_score.results.cohort_file import contributed, make_cohort
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.trial.model import TeamSetup
 from ariac_score_ariac.tasks import OfficialOrderScore, OfficialTrialScore
+from ariac_score_ariac.work import Order, Task
 
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
 EDITIONS = [f"ariac{year}.official" for year in range(2017, 2025)]

@@ -18,7 +18,6 @@ from ariac_score import (
     Monitor,
     OfficialOrder,
     OfficialResult,
-    Order,
     Rule,
     Trial,
     Verdict,
@@ -33,6 +32,7 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
 from ariac_score_ariac.tasks import RunOrder, RunRecord
+from ariac_score_ariac.work import Order
 
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
 LATER, FIRST, DOCUMENTED = "ariac2025.as_coded", "ariac2025.first_weights", "ariac2025.as_documented"
