@@ -19,11 +19,12 @@ from importlib.metadata import Distribution, EntryPoint, distributions, entry_po
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
 from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.parameters import ParameterFacts, facts_of
 from ariac_score.errors import (
+    LocalPluginError,
     PluginConflictError,
     PluginError,
     PluginNotFoundError,
@@ -32,14 +33,30 @@ from ariac_score.errors import (
 )
 
 __all__ = [
+    "LOCAL_DISTRIBUTION",
+    "LocalFinder",
     "Plugin",
     "Registry",
     "UnreadableDistribution",
+    "is_local",
     "origin_of",
     "package_sha256",
     "unreadable_distributions",
     "unreadable_hint",
 ]
+
+
+LOCAL_DISTRIBUTION = "local file"
+"""What a result states as the distribution of a file beside a rule set; none can have a space in its name."""
+
+
+def is_local(use: str) -> bool:
+    """Whether a rule set names code that no distribution installs: a file, or a class of a notebook.
+
+    >>> is_local("./ours.py:NearMiss"), is_local("iso_ts_15066.ssm_separation")
+    (True, False)
+    """
+    return ":" in use
 
 
 @dataclass(frozen=True)
@@ -70,6 +87,19 @@ class Plugin:
         """Words for messages: name, distribution, version."""
         return f"{self.name} ({self.distribution} {self.version})"
 
+    @property
+    def complaint(self) -> str:
+        """Who can repair it, as a remedy."""
+        return f"report it to the authors of {self.distribution}"
+
+    def code_sha256(self) -> str:
+        """Hash of its code.
+
+        Raises:
+            PluginError: The code cannot be found on disk.
+        """
+        return package_sha256(self.package)
+
     def load(self) -> Any:
         """Import the plugin.
 
@@ -78,13 +108,18 @@ class Plugin:
         """
         try:
             with quiet(self.origin, deep=True):
-                return EntryPoint(self.name, self.target, self.group).load()
+                return self._object()
+        except PluginError:
+            raise
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"cannot be imported: {type(cause).__name__}: {cause}",
                 origin=self.origin,
-                hint=f"repair or reinstall {self.distribution}",
+                hint=self.complaint if is_local(self.name) else f"repair or reinstall {self.distribution}",
             ) from cause
+
+    def _object(self) -> Any:
+        return EntryPoint(self.name, self.target, self.group).load()
 
     def build(self, parameters: Mapping[str, Any], *, place: Callable[[str], str] = str) -> Any:
         """Make the plugin with its parameters.
@@ -113,6 +148,10 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
+        self._refuse_other_contract(plugin)
+        return plugin
+
+    def _refuse_other_contract(self, plugin: Any) -> None:
         from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
 
         if not isinstance(plugin, GROUPS[self.group]):
@@ -121,7 +160,6 @@ class Plugin:
                 origin=self.origin,
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
-        return plugin
 
     def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
         """The parameters with the types that the plugin declares."""
@@ -296,10 +334,23 @@ OURS = "ariac_score."
 """Prefix of every entry-point group of this project."""
 
 
-class Registry:
-    """The plugins installed here, by group and name."""
+class LocalFinder(Protocol):
+    """Finds plugins that no distribution installs; see `ariac_score.checks.local.LocalFiles`."""
 
-    def __init__(self) -> None:
+    def find(self, group: str, use: str, beside: Path | None) -> Plugin:
+        """The plugin that a rule set in a folder names."""
+        ...
+
+
+class Registry:
+    """The plugins installed here, by group and name.
+
+    Args:
+        local: Finds the files of code that the caller allows rule sets to name; by default none is allowed.
+    """
+
+    def __init__(self, local: LocalFinder | None = None) -> None:
+        self.local = local
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
         for plugin in _installed():
             known = self._providers.setdefault((plugin.group, plugin.name), [])
@@ -323,13 +374,21 @@ class Registry:
         """Everything installed under a name: none, one, or several that contradict each other."""
         return list(self._providers.get((group, name), []))
 
-    def find(self, group: str, name: str) -> Plugin:
+    def find(self, group: str, name: str, *, beside: Path | None = None) -> Plugin:
         """The plugin of that name.
+
+        Args:
+            group: Entry-point group.
+            name: As installed; or a class in a file, where the registry allows files.
+            beside: Folder of the rule set that names it, which is where such a file lies.
 
         Raises:
             PluginNotFoundError: No installed distribution provides it.
             PluginConflictError: Two do, so neither may be used.
+            LocalPluginError: It is in a file that is not allowed here.
         """
+        if is_local(name):
+            return self._find_local(group, name, beside)
         providers = self._providers.get((group, name), [])
         if not providers:
             elsewhere = [g for g, n in self._providers if n == name]
@@ -348,6 +407,21 @@ class Registry:
                 hint="uninstall one: sys.path order must not choose a referee",
             )
         return providers[0]
+
+
+    def _find_local(self, group: str, name: str, beside: Path | None) -> Plugin:
+        if name.startswith("notebook:"):
+            raise LocalPluginError(
+                f"{name!r} was a class in somebody's Python, and no file has it",
+                hint="give the class again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
+            )
+        if self.local is None:
+            raise LocalPluginError(
+                f"{name!r} is code in a file, and the caller does not allow that",
+                hint="--local-plugins allows files beside your own rule set, where a command has it; a "
+                "competition names file and SHA-256 under 'local_plugins:'; everybody else installs plugins",
+            )
+        return self.local.find(group, name, beside)
 
 
 def _installed() -> Iterator[Plugin]:

@@ -137,7 +137,7 @@ def prepare(
     rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
     checks = {}
     for name, check in rule_set.build(registry).items():
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        plugin = rule_set.plugin(name, registry)
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks)
     prepared.refuse_other_units()  # before a log is read, which may take minutes

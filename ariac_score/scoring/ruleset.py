@@ -12,7 +12,8 @@ from typing import Any
 
 import yaml
 
-from ariac_score.checks.registry import Registry
+from ariac_score.checks.local import GivenPlugin
+from ariac_score.checks.registry import Plugin, Registry, is_local
 from ariac_score.documents.schema import shipped_rules, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
@@ -125,6 +126,7 @@ class RuleSet:
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
+        given: The checks that were given in Python, by name.
     """
 
     id: str
@@ -144,6 +146,7 @@ class RuleSet:
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
+    given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
     def text(self) -> str:
@@ -161,6 +164,22 @@ class RuleSet:
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
         return judged or self.sheet.about_orders
 
+    @property
+    def folder(self) -> Path | None:
+        """Folder of its file; `None` for rules that lie in no file of their own, as those in a result."""
+        return Path(self.file).parent if self.file.endswith((".yaml", ".yml")) else None
+
+    def plugin(self, name: str, registry: Registry) -> Plugin:
+        """The plugin of a check: given in Python, in a file beside the rule set, or installed.
+
+        Raises:
+            PluginError: There is none, or it may not be used.
+        """
+        check = self.checks[name]
+        if name in self.given:
+            return self.given[name]
+        return registry.find(check.group, check.use, beside=self.folder)
+
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
 
@@ -171,7 +190,7 @@ class RuleSet:
         built: dict[str, Any] = {}
         for check in self.checks.values():
             try:
-                plugin = registry.find(check.group, check.use)
+                plugin = self.plugin(check.name, registry)
                 built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
             except (PluginError, RuleSetError) as error:
                 raise self._located(error, check) from error
@@ -286,11 +305,28 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
         base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
+    _refuse_local_of_elsewhere(base, document)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> None:
+    """Refuse to inherit a check in a file from another folder, for its name is relative to that folder."""
+    if Path(base.file).parent.resolve() == Path(document.file).parent.resolve():
+        return
+    for key in ("rules", "monitors"):
+        for name, body in base.data.get(key, {}).items():
+            replaced = any(name in document.data.get(own, {}) for own in ("rules", "monitors"))
+            if is_local(body["use"]) and not replaced:
+                raise RuleSetError(
+                    f"the check {name!r} that it inherits is in the file {body['use']!r} of another folder",
+                    file=document.file,
+                    place=document.place(["extends"]),
+                    hint="keep both rule sets in one folder, or grow the file: ariac-score new distribution",
+                )
 
 
 def _with_texts(document: YamlDocument) -> YamlDocument:
