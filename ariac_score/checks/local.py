@@ -25,7 +25,15 @@ from typing import Any
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Plugin
 from ariac_score.errors import LocalPluginError, PluginError, did_you_mean
 
-__all__ = ["MAX_CODE_BYTES", "GivenPlugin", "LocalFiles", "LocalPlugin", "given_use"]
+__all__ = [
+    "GIVEN_DISTRIBUTION",
+    "MAX_CODE_BYTES",
+    "GivenPlugin",
+    "LocalFiles",
+    "LocalPlugin",
+    "allowing",
+    "given_use",
+]
 
 MAX_CODE_BYTES = 1_000_000
 _USE = re.compile(r"\./(?P<stem>[A-Za-z_][A-Za-z0-9_]*)\.py:(?P<cls>[A-Za-z_][A-Za-z0-9_]*)")
@@ -159,6 +167,13 @@ def given_use(kind: type) -> str:
     return f"notebook:{kind.__name__}"
 
 
+def allowing(local_plugins: bool | Mapping[str, str]) -> LocalFiles | None:
+    """What a caller allows: no file, every file beside a rule set, or those with these hashes."""
+    if isinstance(local_plugins, Mapping):
+        return LocalFiles(local_plugins)
+    return LocalFiles() if local_plugins else None
+
+
 class LocalFiles:
     """Files of code that a caller allows rule sets to name.
 
@@ -186,7 +201,7 @@ class LocalFiles:
         if match is None:
             raise LocalPluginError(
                 f"{use!r} names no class in a file beside the rule set",
-                hint="write './FILE.py:CLASS': one file in the folder of the rule set, letters, digits and '_'",
+                hint="write './FILE.py:CLASS': one file, in the folder of the rule set itself",
             )
         name = f"./{match['stem']}.py"
         if self.pinned is not None and name not in self.pinned:

@@ -408,18 +408,17 @@ class Registry:
             )
         return providers[0]
 
-
     def _find_local(self, group: str, name: str, beside: Path | None) -> Plugin:
         if name.startswith("notebook:"):
             raise LocalPluginError(
                 f"{name!r} was a class in somebody's Python, and no file has it",
-                hint="give the class again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
+                hint="give it again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
             )
         if self.local is None:
             raise LocalPluginError(
                 f"{name!r} is code in a file, and the caller does not allow that",
                 hint="--local-plugins allows files beside your own rule set, where a command has it; a "
-                "competition names file and SHA-256 under 'local_plugins:'; everybody else installs plugins",
+                "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; everybody else installs plugins",
             )
         return self.local.find(group, name, beside)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["Prepared", "PreparedCheck", "log_map_of", "prepare"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
 
 
 @dataclass(frozen=True)
@@ -118,13 +119,15 @@ class Prepared:
                     )
 
 
-def prepare(
-    rules: str | RuleSet | Prepared, *, log_map: str = "", registry: Registry | None = None
-) -> Prepared:
+Rules = str | PathLike[str] | RuleSet | Prepared
+"""A rule set: its name, the path of its file, itself, or prepared already."""
+
+
+def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None) -> Prepared:
     """Build the checks of a rule set, collect what they need, and load its log map.
 
     Args:
-        rules: A rule set or its name; one that is prepared already is returned as it is.
+        rules: A rule set, its name or its path; one that is prepared already is returned as it is.
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
 
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Plugin, Registry, is_local
+from ariac_score.documents.given import path_of
 from ariac_score.documents.schema import shipped_rules, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
@@ -180,6 +183,19 @@ class RuleSet:
             return self.given[name]
         return registry.find(check.group, check.use, beside=self.folder)
 
+    def refuse_local(self, registry: Registry) -> None:
+        """Refuse checks in files that are not allowed or are other files, before any trial is read.
+
+        Raises:
+            LocalPluginError: Naming the file, and where the rule set names it.
+        """
+        for check in self.checks.values():
+            if is_local(check.use):
+                try:
+                    self.plugin(check.name, registry)
+                except PluginError as error:
+                    raise self._located(error, check) from error
+
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
 
@@ -196,10 +212,144 @@ class RuleSet:
                 raise self._located(error, check) from error
         return built
 
+    def with_parameters(
+        self, values: Mapping[str, float | str | bool] = MappingProxyType({}), /, **parameters: float
+    ) -> RuleSet:
+        """The rule set with other numbers, for a sweep.
+
+        Args:
+            values: New values by name: a parameter of the formulas, or `check.parameter` of a check, as
+                `sensitivity` names them.
+            parameters: Likewise, for names without a point.
+
+        Raises:
+            RuleSetError: There is no such name, or its value is of another kind.
+
+        >>> rules = load_rule_set("paper2020")
+        >>> rules.with_parameters({"separation.t1_s": 0.5}).checks["separation"].parameters["t1_s"]
+        0.5
+        """
+        if not isinstance(values, Mapping):
+            raise UsageError(
+                f"parameters are given by name, not as a {type(values).__name__}",
+                hint="write {'separation.t1_s': 0.5}",
+            )
+        data = deepcopy(dict(self.expanded))
+        for name, value in {**values, **parameters}.items():
+            self._set(data, name, value)
+        return self._again(data, self.given)
+
+    def with_score(self, formula: str) -> RuleSet:
+        """The rule set with another formula for the score, such as `task - 2 * count(near_miss)`.
+
+        Raises:
+            FormulaError: It cannot be parsed, or names something unknown.
+        """
+        if not isinstance(formula, str):
+            raise UsageError(
+                f"a formula is text, not a {type(formula).__name__}",
+                hint="write 'task - 2 * count(near_miss)'",
+            )
+        return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
+
+    def with_monitor(self, name: str, monitor: object) -> RuleSet:
+        """The rule set with a monitor that is given in Python, in place of the one of that name, if any.
+
+        It keeps the contract of an installed one. A result names its class and the hash of the class's
+        text; where Python has no such text, as for an object of a class without fields, it says
+        `unverifiable`.
+
+        Args:
+            name: Of the check, as formulas name it.
+            monitor: A class, built with its defaults, or an object: `NearMiss(limit_m=0.5)`.
+
+        Raises:
+            RuleSetError: The name cannot be one of a check.
+            UsageError: It is neither.
+        """
+        plugin, parameters = _given_monitor(monitor)
+        body: dict[str, Any] = {"use": plugin.name, **({"with": parameters} if parameters else {})}
+        data = deepcopy(dict(self.expanded))
+        data.get("rules", {}).pop(name, None)
+        data["monitors"] = {**data.get("monitors", {}), name: body}
+        return self._again(data, {**self.given, name: plugin})
+
+    def _set(self, data: dict[str, Any], name: str, value: Any) -> None:
+        """Set a number in the data of a rule set."""
+        check, dot, parameter = name.partition(".")
+        if not dot:
+            if name not in self.sheet.parameters:
+                known = [
+                    *self.sheet.parameters,
+                    *(f"{c}.{p}" for c in self.checks for p in self.checks[c].parameters),
+                ]
+                raise RuleSetError(
+                    f"there is no parameter {name!r}",
+                    file=self.file,
+                    hint=did_you_mean(name, known, what="it has"),
+                )
+            data["parameters"][name] = value
+            return
+        if check not in self.checks:
+            raise RuleSetError(
+                f"there is no check {check!r}",
+                file=self.file,
+                hint=did_you_mean(check, self.checks, what="checks"),
+            )
+        if check in self.given and self.given[check].instance is not None:
+            raise RuleSetError(
+                f"the check {check!r} is an object, whose numbers are its own",
+                file=self.file,
+                hint="give another object with 'with_monitor'",
+            )
+        section = self.checks[check].group.rpartition(".")[2]
+        data[section][check].setdefault("with", {})[parameter] = value
+
+    def _again(self, data: dict[str, Any], given: Mapping[str, GivenPlugin]) -> RuleSet:
+        """The rule set that other data make; its hash covers what it was made from, and what changed."""
+        text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
+        sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
+        document = YamlDocument(data, self.file, sha256, {})
+        validate(document, "ruleset", error=RuleSetError)
+        return replace(_parsed(document), given=given)
+
     def _located(self, error: ScoreError, check: Check) -> ScoreError:
         error.file = self.file
         error.place = error.place or check.place.get("use", check.name)
         return error
+
+
+def _given_monitor(monitor: object) -> tuple[GivenPlugin, dict[str, Any]]:
+    """The plugin that a class or an object is, and the parameters that make the object again."""
+    group = "ariac_score.monitors"
+    kind = monitor if isinstance(monitor, type) else type(monitor)
+    if not callable(getattr(kind, "watch", None)):
+        raise UsageError(
+            f"{kind.__name__!r} is no monitor: it has no method 'watch'",
+            hint="give a class with watch(trial), or an object of one: NearMiss(limit_m=0.5)",
+        )
+    if isinstance(monitor, type):
+        return GivenPlugin.of(kind, group), {}
+    if is_dataclass(kind):
+        values = {f.name: _plain(getattr(monitor, f.name)) for f in fields(kind) if f.init}
+        if all(value is not _NOT_PLAIN for value in values.values()):
+            return GivenPlugin.of(kind, group), values
+    return GivenPlugin.of(kind, group, monitor), {}
+
+
+_NOT_PLAIN = object()
+
+
+def _plain(value: Any) -> Any:
+    """A value as YAML holds it, so that it makes the same parameter again; `_NOT_PLAIN` where it cannot."""
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    items = list(value.values()) if isinstance(value, Mapping) else value
+    if not isinstance(items, list | tuple) or any(_plain(one) is _NOT_PLAIN for one in items):
+        return _NOT_PLAIN
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    return [_plain(one) for one in items]
 
 
 def rule_set_names() -> list[str]:
@@ -216,19 +366,21 @@ def _shipped() -> dict[str, Path]:
     return shipped
 
 
-def load_rule_set(name: str) -> RuleSet:
+def load_rule_set(name: str | os.PathLike[str]) -> RuleSet:
     """Load a shipped rule set by name, or one from a file by its path.
 
     Args:
-        name: Such as `paper2020`, or a path ending in `.yaml`.
+        name: Such as `paper2020`, or a path: text ending in `.yaml`, or any `Path`.
 
     Raises:
-        UsageError: There is no rule set of that name.
+        UsageError: There is no rule set of that name, or it is no name at all.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    path = path_of(name, "the name or path of a rule set")
+    found = _path_of(name, Path()) if isinstance(name, str) else path
+    return _parsed(with_penalty(_expanded(found, ())))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
