@@ -219,7 +219,6 @@ class LocalFiles:
         if self.pinned is not None and self.pinned[name] != source.sha256:
             raise LocalPluginError(
                 f"{name!r} has SHA-256 {source.sha256}, and {self.pinned[name]} is allowed",
-                file=source.path,
                 hint="bring back the file that was meant, or have the organiser allow the new one",
             )
         return LocalPlugin(
@@ -245,29 +244,27 @@ def _read(path: Path, beside: Path) -> _File:
     Raises:
         LocalPluginError: It is not there, leads elsewhere, is no plain file, or too large.
     """
+    name = f"./{path.name}"
     try:
         real = path.resolve(strict=True)
         if real.parent != beside.resolve():
             raise LocalPluginError(
-                "it is a link that leads out of the folder of the rule set",
-                file=path,
+                f"{name!r} is a link that leads out of the folder of the rule set",
                 hint="put the file itself beside the rule set",
             )
         if not real.is_file():
-            raise LocalPluginError("it is no file", file=path, hint="put a file of Python there")
+            raise LocalPluginError(f"{name!r} is no file", hint="put a file of Python there")
         with real.open("rb") as stream:
             text = stream.read(MAX_CODE_BYTES + 1)
-    except OSError as cause:
+    except (OSError, RuntimeError) as cause:  # a RuntimeError: before Python 3.13, for links in a circle
+        reason = getattr(cause, "strerror", None) or cause
         raise LocalPluginError(
-            f"cannot be read: {cause.strerror}",
-            file=path,
+            f"{name!r} cannot be read: {reason}",
             hint="a rule set names files in its own folder: './ours.py:NearMiss'",
         ) from cause
-    except RuntimeError as cause:  # before Python 3.13, for links in a circle
-        raise LocalPluginError("a link in a circle", file=path, hint="put the file itself there") from cause
     if len(text) > MAX_CODE_BYTES:
         raise LocalPluginError(
-            f"has more than {MAX_CODE_BYTES:,} bytes", file=path, hint="is this the right file?"
+            f"{name!r} has more than {MAX_CODE_BYTES:,} bytes", hint="is it the right file?"
         )
     # As for packages: a checkout on Windows may have other line ends.
     plain = text.replace(b"\r\n", b"\n")

@@ -418,7 +418,8 @@ class Registry:
             raise LocalPluginError(
                 f"{name!r} is code in a file, and the caller does not allow that",
                 hint="--local-plugins allows files beside your own rule set, where a command has it; a "
-                "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; everybody else installs plugins",
+                "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; all others "
+                "install plugins",
             )
         return self.local.find(group, name, beside)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,9 +15,9 @@ from typing import Any
 import yaml
 
 from ariac_score.checks.local import GivenPlugin
-from ariac_score.checks.registry import Plugin, Registry, is_local
+from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
 from ariac_score.documents.given import path_of
-from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.documents.schema import schema, shipped_rules, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
 from ariac_score.scoring.cohort import CohortTerm
@@ -26,6 +26,7 @@ from ariac_score.scoring.penalties import PREFIX, with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.variation import given_monitor, set_number
 
 __all__ = [
     "Check",
@@ -47,6 +48,7 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
 _DEFAULT = "ruleset"
 _NOT_RULE_SETS = frozenset({"log_map"})
@@ -54,12 +56,12 @@ _NOT_RULE_SETS = frozenset({"log_map"})
 
 @dataclass(frozen=True)
 class Check:
-    """One use of a plugin in a rule set.
+    """One use of a plugin in a rule set: of a rule, a monitor, or the competition.
 
     Attributes:
         name: Its name in the rule set, which formulas use.
         use: Entry-point name of the plugin.
-        group: Entry-point group: rules or monitors.
+        group: Entry-point group: rules, monitors or competitions.
         parameters: Its `with:` block.
         on_inconclusive: What an undecided finding means for the score.
         place: Line and path of the check in its file, by parameter name.
@@ -124,8 +126,8 @@ class RuleSet:
         sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as in the file; empty when it does not say.
-        edition: Year of the competition; `None` when the file does not say.
-        printed: What the official text of the edition prints, and how it adds up.
+        competition: Whose work it judges, with the parameters of that; `None` when the file does not say.
+        printed: What the official text prints, and how it adds up.
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
@@ -144,7 +146,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
-    edition: int | None = None
+    competition: Check | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -194,7 +196,8 @@ class RuleSet:
                 try:
                     self.plugin(check.name, registry)
                 except PluginError as error:
-                    raise self._located(error, check) from error
+                    _locate(error, check, self.file)
+                    raise
 
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
@@ -203,30 +206,39 @@ class RuleSet:
             PluginNotFoundError: A plugin is not installed; the message names the check.
             RuleSetError: A plugin refuses its parameters.
         """
-        built: dict[str, Any] = {}
-        for check in self.checks.values():
-            try:
-                plugin = self.plugin(check.name, registry)
-                built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
-            except (PluginError, RuleSetError) as error:
-                raise self._located(error, check) from error
-        return built
+        return {
+            name: _built(check, self.file, partial(self.plugin, name, registry))
+            for name, check in self.checks.items()
+        }
 
-    def with_parameters(
-        self, values: Mapping[str, float | str | bool] = MappingProxyType({}), /, **parameters: float
-    ) -> RuleSet:
+    def build_competition(self, registry: Registry) -> Any | None:
+        """The plugin of the competition it names, built with its parameters; `None` when it names none.
+
+        Raises:
+            PluginNotFoundError: It is not installed; the message says where it is named.
+            RuleSetError: It refuses its parameters.
+        """
+        named = self.competition
+        return _built(named, self.file, partial(registry.find, named.group, named.use)) if named else None
+
+    @property
+    def edition(self) -> Any:
+        """The parameter of that name; until readers ask the competition itself."""
+        return self.competition.parameters.get("edition") if self.competition else None
+
+    def with_parameters(self, values: Mapping[str, Any] = MappingProxyType({}), /, **more: Any) -> RuleSet:
         """The rule set with other numbers, for a sweep.
 
         Args:
             values: New values by name: a parameter of the formulas, or `check.parameter` of a check, as
                 `sensitivity` names them.
-            parameters: Likewise, for names without a point.
+            more: Likewise, for names without a point.
 
         Raises:
             RuleSetError: There is no such name, or its value is of another kind.
 
-        >>> rules = load_rule_set("paper2020")
-        >>> rules.with_parameters({"separation.t1_s": 0.5}).checks["separation"].parameters["t1_s"]
+        >>> rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": 0.5})
+        >>> rules.checks["separation"].parameters["t1_s"]
         0.5
         """
         if not isinstance(values, Mapping):
@@ -235,8 +247,15 @@ class RuleSet:
                 hint="write {'separation.t1_s': 0.5}",
             )
         data = deepcopy(dict(self.expanded))
-        for name, value in {**values, **parameters}.items():
-            self._set(data, name, value)
+        for name, value in {**values, **more}.items():
+            one = self.given.get(str(name).partition(".")[0])
+            if one is not None and one.instance is not None:
+                raise RuleSetError(
+                    f"{name!r} is a number of an object that was given in Python",
+                    file=self.file,
+                    hint="give another object with 'with_monitor'",
+                )
+            set_number(data, name, value, file=self.file)
         return self._again(data, self.given)
 
     def with_score(self, formula: str) -> RuleSet:
@@ -244,112 +263,55 @@ class RuleSet:
 
         Raises:
             FormulaError: It cannot be parsed, or names something unknown.
+            RuleSetError: It is no text.
+
+        >>> load_rule_set("paper2020").with_score("task").expanded["score"]
+        'task'
         """
-        if not isinstance(formula, str):
-            raise UsageError(
-                f"a formula is text, not a {type(formula).__name__}",
-                hint="write 'task - 2 * count(near_miss)'",
-            )
         return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
 
     def with_monitor(self, name: str, monitor: object) -> RuleSet:
-        """The rule set with a monitor that is given in Python, in place of the one of that name, if any.
+        """The rule set with a monitor that is given in Python, in place of the check of that name, if any.
 
         It keeps the contract of an installed one. A result names its class and the hash of the class's
-        text; where Python has no such text, as for an object of a class without fields, it says
-        `unverifiable`.
+        text; where Python has no such text, or the object has more than its fields, `unverifiable`.
 
         Args:
             name: Of the check, as formulas name it.
             monitor: A class, built with its defaults, or an object: `NearMiss(limit_m=0.5)`.
 
         Raises:
-            RuleSetError: The name cannot be one of a check.
-            UsageError: It is neither.
+            RuleSetError: The name cannot be that of a check.
+            UsageError: It is no monitor.
         """
-        plugin, parameters = _given_monitor(monitor)
-        body: dict[str, Any] = {"use": plugin.name, **({"with": parameters} if parameters else {})}
+        plugin, parameters = given_monitor(monitor)
         data = deepcopy(dict(self.expanded))
         data.get("rules", {}).pop(name, None)
+        body = {"use": plugin.name, **({"with": parameters} if parameters else {})}
         data["monitors"] = {**data.get("monitors", {}), name: body}
         return self._again(data, {**self.given, name: plugin})
 
-    def _set(self, data: dict[str, Any], name: str, value: Any) -> None:
-        """Set a number in the data of a rule set."""
-        check, dot, parameter = name.partition(".")
-        if not dot:
-            if name not in self.sheet.parameters:
-                known = [
-                    *self.sheet.parameters,
-                    *(f"{c}.{p}" for c in self.checks for p in self.checks[c].parameters),
-                ]
-                raise RuleSetError(
-                    f"there is no parameter {name!r}",
-                    file=self.file,
-                    hint=did_you_mean(name, known, what="it has"),
-                )
-            data["parameters"][name] = value
-            return
-        if check not in self.checks:
-            raise RuleSetError(
-                f"there is no check {check!r}",
-                file=self.file,
-                hint=did_you_mean(check, self.checks, what="checks"),
-            )
-        if check in self.given and self.given[check].instance is not None:
-            raise RuleSetError(
-                f"the check {check!r} is an object, whose numbers are its own",
-                file=self.file,
-                hint="give another object with 'with_monitor'",
-            )
-        section = self.checks[check].group.rpartition(".")[2]
-        data[section][check].setdefault("with", {})[parameter] = value
-
     def _again(self, data: dict[str, Any], given: Mapping[str, GivenPlugin]) -> RuleSet:
         """The rule set that other data make; its hash covers what it was made from, and what changed."""
+        document = YamlDocument(data, self.file, "", {})
+        validate(document, "ruleset", error=RuleSetError)
         text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
         sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
-        document = YamlDocument(data, self.file, sha256, {})
-        validate(document, "ruleset", error=RuleSetError)
-        return replace(_parsed(document), given=given)
-
-    def _located(self, error: ScoreError, check: Check) -> ScoreError:
-        error.file = self.file
-        error.place = error.place or check.place.get("use", check.name)
-        return error
+        return replace(_parsed(replace(document, sha256=sha256)), given=given)
 
 
-def _given_monitor(monitor: object) -> tuple[GivenPlugin, dict[str, Any]]:
-    """The plugin that a class or an object is, and the parameters that make the object again."""
-    group = "ariac_score.monitors"
-    kind = monitor if isinstance(monitor, type) else type(monitor)
-    if not callable(getattr(kind, "watch", None)):
-        raise UsageError(
-            f"{kind.__name__!r} is no monitor: it has no method 'watch'",
-            hint="give a class with watch(trial), or an object of one: NearMiss(limit_m=0.5)",
-        )
-    if isinstance(monitor, type):
-        return GivenPlugin.of(kind, group), {}
-    if is_dataclass(kind):
-        values = {f.name: _plain(getattr(monitor, f.name)) for f in fields(kind) if f.init}
-        if all(value is not _NOT_PLAIN for value in values.values()):
-            return GivenPlugin.of(kind, group), values
-    return GivenPlugin.of(kind, group, monitor), {}
+def _built(check: Check, file: str, find: Callable[[], Plugin]) -> Any:
+    try:
+        return find().build(check.parameters, place=lambda name: check.place.get(name, name))
+    except (PluginError, RuleSetError) as error:
+        _locate(error, check, file)
+        raise
 
 
-_NOT_PLAIN = object()
-
-
-def _plain(value: Any) -> Any:
-    """A value as YAML holds it, so that it makes the same parameter again; `_NOT_PLAIN` where it cannot."""
-    if value is None or type(value) in (bool, int, float, str):
-        return value
-    items = list(value.values()) if isinstance(value, Mapping) else value
-    if not isinstance(items, list | tuple) or any(_plain(one) is _NOT_PLAIN for one in items):
-        return _NOT_PLAIN
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    return [_plain(one) for one in items]
+def _locate(error: ScoreError, check: Check, file: str) -> None:
+    """Say of an error about a check where the rule set names it."""
+    error.file = file
+    error.place = error.place or check.place.get("use", check.name)
 
 
 def rule_set_names() -> list[str]:
@@ -378,9 +340,9 @@ def load_rule_set(name: str | os.PathLike[str]) -> RuleSet:
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    path = path_of(name, "the name or path of a rule set")
-    found = _path_of(name, Path()) if isinstance(name, str) else path
-    return _parsed(with_penalty(_expanded(found, ())))
+    if isinstance(name, str):
+        return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    return _parsed(with_penalty(_expanded(path_of(name, "the name or path of a rule set"), ())))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -396,11 +358,54 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _from_text(text, file)
+    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
+
+
+def _with_competition(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            kept = {k: v for k, v in document.data.items() if k != key}
+            return replace(document, data={**kept, "competition": {"use": name, "with": {key: value}}})
+    return document
+
+
+def _refuse_its_parameters(document: YamlDocument) -> None:
+    """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
+
+    Raises:
+        RuleSetError: Naming the key and the line to write.
+    """
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            raise RuleSetError(
+                f"{key!r} is a parameter of the competition",
+                file=document.file,
+                place=document.place([key]),
+                hint=f"write 'competition: {{use: {name}, with: {{{key}: {value}}}}}'",
+            )
+
+
+def _unknown_keys(document: YamlDocument) -> dict[str, Any]:
+    data = document.data if isinstance(document.data, Mapping) else {}
+    return {str(key): value for key, value in data.items() if key not in schema("ruleset")["properties"]}
+
+
+def _competitions_with(parameter: str, registry: Registry) -> list[str]:
+    """The installed competitions that have a parameter of that name."""
+    return [plugin.name for plugin in registry.all(_COMPETITIONS) if parameter in _parameters_if_any(plugin)]
+
+
+def _parameters_if_any(plugin: Plugin) -> Mapping[str, Any]:
+    try:
+        return parameters_of(plugin.load())
+    except (PluginError, NameError, TypeError, AttributeError):  # broken: whoever uses it is told so
+        return {}
 
 
 def draft_rule_set(text: str, *, file: str) -> RuleSet:
@@ -415,6 +420,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
 
 def _from_text(text: str, file: str) -> YamlDocument:
     document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     return document
 
@@ -440,6 +446,7 @@ def _path_of(name: str, folder: Path) -> Path:
 def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
@@ -585,7 +592,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
-        edition=data.get("edition"),
+        competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
         ranges=_ranges(document, checks),
         breaks=data.get("breaks", {}),
@@ -607,6 +614,16 @@ def _checks(document: YamlDocument) -> dict[str, Check]:
                 )
             checks[name] = _check(document, key, name, body)
     return checks
+
+
+def _competition(document: YamlDocument) -> Check | None:
+    body = document.data.get("competition")
+    if body is None:
+        return None
+    parameters = body.get("with", {})
+    places = {name: document.place(["competition", "with", name]) for name in parameters}
+    places |= {"use": document.place(["competition", "use"]), "": document.place(["competition"])}
+    return Check("competition", body["use"], _COMPETITIONS, parameters, place=places)
 
 
 def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:

@@ -216,8 +216,8 @@ def test_a_ranking_runs_the_file_that_the_competition_names_with_its_hash(
     file = competition(rules, local_plugins={"./ours.py": sha256_of(rules.with_name("ours.py"))})
 
     assert main(["rank", str(file), "--output-format", "json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["standings"]
-    assert row["total"] == TASK - 2
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    assert run["score"] == TASK - 2
 
 
 @pytest.mark.parametrize("command", ["rank", "batch"])
@@ -400,7 +400,7 @@ def test_a_pipe_is_refused_without_waiting_for_it(rules: Path) -> None:
     rules.with_name("ours.py").unlink()
     os.mkfifo(rules.with_name("ours.py"))
 
-    assert refusal(rules).cause == "it is no file"
+    assert refusal(rules).cause == "'./ours.py' is no file"
 
 
 def test_a_file_that_is_not_there_or_too_large_is_refused(rules: Path) -> None:
