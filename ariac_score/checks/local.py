@@ -90,9 +90,11 @@ class LocalPlugin(Plugin):
         return self.name.partition(":")[0]
 
     @property
-    def complaint(self) -> str:
-        """Who can repair it."""
+    def repair(self) -> str:
+        """What its user can do."""
         return f"correct the class {self.cls!r} in {self.package}"
+
+    complaint = repair
 
     def code_sha256(self) -> str:
         """Hash of the text that runs."""
@@ -143,9 +145,11 @@ class GivenPlugin(Plugin):
         return self.kind.__name__
 
     @property
-    def complaint(self) -> str:
-        """Who can repair it."""
+    def repair(self) -> str:
+        """What its user can do."""
         return f"correct the class {self.kind.__name__!r}"
+
+    complaint = repair
 
     def code_sha256(self) -> str:
         """Hash of the text of the class; empty where Python has none, or cannot vouch for the object."""
