@@ -109,8 +109,13 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.sums import exact_sum
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
+    from ariac_score.trial.work import Fact, Item, WorkItem, number_of_fact
 
 _MODULE_OF = {
+    "number_of_fact": "ariac_score.trial.work",
+    "WorkItem": "ariac_score.trial.work",
+    "Item": "ariac_score.trial.work",
+    "Fact": "ariac_score.trial.work",
     "ARM_COLLISION": "ariac_score.trial.events",
     "Alignment": "ariac_score.trial.arrivals",
     "Arrivals": "ariac_score.trial.arrivals",
@@ -243,11 +248,13 @@ __all__ = [
     "EventMonitor",
     "EventWatch",
     "Expression",
+    "Fact",
     "FaultMarks",
     "Finding",
     "FloatArray",
     "FormulaError",
     "InstantVerdict",
+    "Item",
     "Kit",
     "KitMap",
     "KitRecord",
@@ -302,6 +309,7 @@ __all__ = [
     "Verdict",
     "Wanted",
     "WantedProduct",
+    "WorkItem",
     "YamlDocument",
     "add_up",
     "align",
@@ -316,6 +324,7 @@ __all__ = [
     "load_rule_set",
     "load_yaml",
     "measure_trial",
+    "number_of_fact",
     "parameter",
     "parameter_facts",
     "plain",

@@ -23,13 +23,13 @@ __all__ = ["Prepared", "PreparedCheck", "log_map_of", "prepare"]
 
 @dataclass(frozen=True)
 class PreparedCheck:
-    """A check of a rule set, built.
+    """A check of a rule set, or its competition, built.
 
     Attributes:
         name: As in the rule set.
         plugin: Where it comes from, to name it when it fails.
-        check: The rule or monitor, with its parameters.
-        needs: The signals it reads; none for a rule.
+        check: The rule, monitor or competition, with its parameters.
+        needs: The signals it reads; none but for a monitor.
     """
 
     name: str
@@ -47,12 +47,20 @@ class Prepared:
         log_map: Its own, or the one to use instead.
         registry: The installed plugins.
         checks: By name, in the order of the rule set.
+        competition: The competition that the rule set names; `None` when it names none.
     """
 
     rule_set: RuleSet
     log_map: LogMap
     registry: Registry
     checks: Mapping[str, PreparedCheck]
+    competition: PreparedCheck | None = None
+
+    @property
+    def plugins(self) -> tuple[Plugin, ...]:
+        """The plugins that take part whatever log is read: those of its checks and its competition."""
+        named = [self.competition] if self.competition else []
+        return tuple(each.plugin for each in (*self.checks.values(), *named))
 
     @property
     def needs(self) -> tuple[SignalNeed, ...]:
@@ -139,9 +147,18 @@ def prepare(
     for name, check in rule_set.build(registry).items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
-    prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks)
+    competition = _competition(rule_set, registry)
+    prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
     return prepared
+
+
+def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:
+    named = rule_set.competition
+    if named is None:
+        return None
+    competition = rule_set.build_competition(registry)
+    return PreparedCheck(named.name, registry.find(named.group, named.use), competition, ())
 
 
 def log_map_of(rule_set: RuleSet, instead: str = "") -> LogMap:

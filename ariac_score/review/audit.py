@@ -37,7 +37,7 @@ from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, 
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
 from ariac_score.scoring.scope import Level
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial
+from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial, orders_of
 
 __all__ = ["AGREE", "AUDIT", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
 
@@ -214,7 +214,7 @@ def audit(
     refuse_other_years(bundle, readers, rule_set)
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
-    items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)
+    items = _Items(rule_set.printed, orders_of(trial), ours, look.without_text(rule_set), official.source)
     others = _others(against, rule_set)
     return Audit(
         trial.id,

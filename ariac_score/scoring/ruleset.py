@@ -12,10 +12,10 @@ from typing import Any
 
 import yaml
 
-from ariac_score.checks.registry import Registry
-from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.checks.registry import Plugin, Registry, parameters_of
+from ariac_score.documents.schema import schema, shipped_rules, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
-from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
+from ariac_score.errors import FormulaError, PluginError, RuleSetError, UsageError, did_you_mean
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.penalties import PREFIX, with_penalty
@@ -43,6 +43,7 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
 _DEFAULT = "ruleset"
 _NOT_RULE_SETS = frozenset({"log_map"})
@@ -50,12 +51,12 @@ _NOT_RULE_SETS = frozenset({"log_map"})
 
 @dataclass(frozen=True)
 class Check:
-    """One use of a plugin in a rule set.
+    """One use of a plugin in a rule set: of a rule, a monitor, or the competition.
 
     Attributes:
         name: Its name in the rule set, which formulas use.
         use: Entry-point name of the plugin.
-        group: Entry-point group: rules or monitors.
+        group: Entry-point group: rules, monitors or competitions.
         parameters: Its `with:` block.
         on_inconclusive: What an undecided finding means for the score.
         place: Line and path of the check in its file, by parameter name.
@@ -120,8 +121,8 @@ class RuleSet:
         sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as in the file; empty when it does not say.
-        edition: Year of the competition; `None` when the file does not say.
-        printed: What the official text of the edition prints, and how it adds up.
+        competition: Whose work it judges, with the parameters of that; `None` when the file does not say.
+        printed: What the official text prints, and how it adds up.
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
@@ -139,7 +140,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
-    edition: int | None = None
+    competition: Check | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -168,19 +169,31 @@ class RuleSet:
             PluginNotFoundError: A plugin is not installed; the message names the check.
             RuleSetError: A plugin refuses its parameters.
         """
-        built: dict[str, Any] = {}
-        for check in self.checks.values():
-            try:
-                plugin = registry.find(check.group, check.use)
-                built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
-            except (PluginError, RuleSetError) as error:
-                raise self._located(error, check) from error
-        return built
+        return {check.name: _built(check, registry, self.file) for check in self.checks.values()}
 
-    def _located(self, error: ScoreError, check: Check) -> ScoreError:
-        error.file = self.file
+    def build_competition(self, registry: Registry) -> Any | None:
+        """The plugin of the competition it names, built with its parameters; `None` when it names none.
+
+        Raises:
+            PluginNotFoundError: It is not installed; the message says where it is named.
+            RuleSetError: It refuses its parameters.
+        """
+        return _built(self.competition, registry, self.file) if self.competition else None
+
+    @property
+    def edition(self) -> Any:
+        """The parameter of that name; until readers ask the competition itself."""
+        return self.competition.parameters.get("edition") if self.competition else None
+
+
+def _built(check: Check, registry: Registry, file: str) -> Any:
+    try:
+        plugin = registry.find(check.group, check.use)
+        return plugin.build(check.parameters, place=lambda name: check.place.get(name, name))
+    except (PluginError, RuleSetError) as error:
+        error.file = file
         error.place = error.place or check.place.get("use", check.name)
-        return error
+        raise
 
 
 def rule_set_names() -> list[str]:
@@ -225,11 +238,54 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _from_text(text, file)
+    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
+
+
+def _with_competition(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            kept = {k: v for k, v in document.data.items() if k != key}
+            return replace(document, data={**kept, "competition": {"use": name, "with": {key: value}}})
+    return document
+
+
+def _refuse_its_parameters(document: YamlDocument) -> None:
+    """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
+
+    Raises:
+        RuleSetError: Naming the key and the line to write.
+    """
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            raise RuleSetError(
+                f"{key!r} is a parameter of the competition",
+                file=document.file,
+                place=document.place([key]),
+                hint=f"write 'competition: {{use: {name}, with: {{{key}: {value}}}}}'",
+            )
+
+
+def _unknown_keys(document: YamlDocument) -> dict[str, Any]:
+    data = document.data if isinstance(document.data, Mapping) else {}
+    return {str(key): value for key, value in data.items() if key not in schema("ruleset")["properties"]}
+
+
+def _competitions_with(parameter: str, registry: Registry) -> list[str]:
+    """The installed competitions that have a parameter of that name."""
+    return [plugin.name for plugin in registry.all(_COMPETITIONS) if parameter in _parameters_if_any(plugin)]
+
+
+def _parameters_if_any(plugin: Plugin) -> Mapping[str, Any]:
+    try:
+        return parameters_of(plugin.load())
+    except (PluginError, NameError, TypeError, AttributeError):  # broken: whoever uses it is told so
+        return {}
 
 
 def draft_rule_set(text: str, *, file: str) -> RuleSet:
@@ -244,6 +300,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
 
 def _from_text(text: str, file: str) -> YamlDocument:
     document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     return document
 
@@ -269,6 +326,7 @@ def _path_of(name: str, folder: Path) -> Path:
 def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
@@ -397,7 +455,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
-        edition=data.get("edition"),
+        competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
         ranges=_ranges(document, checks),
         breaks=data.get("breaks", {}),
@@ -419,6 +477,16 @@ def _checks(document: YamlDocument) -> dict[str, Check]:
                 )
             checks[name] = _check(document, key, name, body)
     return checks
+
+
+def _competition(document: YamlDocument) -> Check | None:
+    body = document.data.get("competition")
+    if body is None:
+        return None
+    parameters = body.get("with", {})
+    places = {name: document.place(["competition", "with", name]) for name in parameters}
+    places |= {"use": document.place(["competition", "use"]), "": document.place(["competition"])}
+    return Check("competition", body["use"], _COMPETITIONS, parameters, place=places)
 
 
 def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:

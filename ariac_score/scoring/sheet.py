@@ -458,8 +458,9 @@ class _Environment:
         if prefix == _RUNS:
             return self._across_runs(name, dotted)
         scope = self._scope(prefix or self.scope.level, dotted)
-        if name in scope.facts:
-            return Traced(dotted, scope.facts[name], "fact", subject=scope.path)
+        fact = scope.facts.get(name)
+        if isinstance(fact, (int, float)):
+            return Traced(dotted, fact, "fact", subject=scope.path)
         if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
             return self.pricing.term(scope, name, self.outer)
         # A fact the sheet knows and this trial lacks is unknown: never 0, and never a misspelt name.

@@ -316,9 +316,9 @@ def test_a_policy_changes_nothing_where_everything_is_decided(policy: str, tmp_p
 
 
 def test_a_check_that_is_not_priced_withholds_nothing() -> None:
-    orders = tuple(replace(order, announced_s=None) for order in TRIAL.orders)
+    orders = tuple(replace(order, announced_s=None) for order in TRIAL.work)
 
-    result = priced(replace(TRIAL, orders=orders))  # leaves `order_time` undecided
+    result = priced(replace(TRIAL, work=orders))  # leaves `order_time` undecided
 
     assert {f.verdict for f in result.measured.of("order_time").values()} == {Verdict.INCONCLUSIVE}
     assert result.score == priced(TRIAL).score
@@ -662,7 +662,7 @@ def test_a_fault_in_what_a_check_says_is_named_in_full(play: Played, name: str) 
 
 
 def test_a_trial_before_its_first_order_scores_nothing_and_blames_no_plugin() -> None:
-    assert score(replace(TRIAL, orders=(), submissions=())) == 0
+    assert score(replace(TRIAL, work=(), submissions=())) == 0
 
 
 # Coverage and scopes -------------------------------------------------------------------
@@ -694,7 +694,7 @@ def test_every_wanted_product_is_a_scope_handed_in_or_not() -> None:
 def test_the_first_order_announced_is_the_first_whatever_its_name() -> None:
     second, first = Order("a_late_one", announced_s=9.0), Order("z_early_one", announced_s=1.0)
 
-    scopes = measured(replace(TRIAL, orders=(first, second))).scopes
+    scopes = measured(replace(TRIAL, work=(first, second))).scopes
 
     assert {scope.path: scope.facts["index"] for scope in scopes.each("order")} == {
         "z_early_one": 0,
@@ -849,7 +849,7 @@ MONITORS_ALONE = (
 
 
 def no_orders(folder: Path) -> Path:
-    return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), orders=(), submissions=()))
+    return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), work=(), submissions=()))
 
 
 @pytest.mark.parametrize(
