@@ -87,18 +87,14 @@ class Navigation:
         end = begin + int(ends[0])
         # run.py counts the turns, so that a collision between two of them is seen at the later one.
         time_s = float(t[end] - t[begin])
-        failed = (
-            "collided" if t[end] >= collided_s else "ran out of time" if time_s >= self.limit_s else ""
-        )
+        failed = "collided" if t[end] >= collided_s else "ran out of time" if time_s >= self.limit_s else ""
         return Finding(
             ROBOT,
             Verdict.VIOLATED if failed else Verdict.SATISFIED,
             f"{failed or 'reached the goal'} after {time_s:.4f} s, {left_m[end]:.3f} m from it",
             span=Span(float(t[begin]), float(t[end])),
             quantities={"actual_time_s": time_s, "optimal_time_s": trial.facts["optimal_time_s"]},
-            evidence=(
-                Sample(position.name, float(t[end]), tuple(map(float, position.values[end])), "m"),
-            ),
+            evidence=(Sample(position.name, float(t[end]), tuple(map(float, position.values[end])), "m"),),
             clause=_SOURCE,
         )
 

@@ -1,4 +1,4 @@
-"""The files of one run: the trace of its robot, the path through its world, the line that `run.py` wrote of it."""
+"""The files of a run: the trace of its robot, the path through its world, what `run.py` wrote of it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,17 @@ from ariac_score import (
     Wanted,
 )
 
-__all__ = ["COLLISION", "GOAL_M", "ROBOT", "START_M", "OutcomeReader", "TraceReader", "WorldReader"]
+__all__ = [
+    "COLLISION",
+    "GOAL_M",
+    "ROBOT",
+    "START_M",
+    "Outcome",
+    "OutcomeReader",
+    "TraceReader",
+    "WorldReader",
+    "outcomes",
+]
 
 ROBOT = "jackal"
 COLLISION = "collision"
@@ -41,6 +51,8 @@ OPTIMAL_SPEED_M_S = 2.0
 _HEAD = "# time x y collided"
 _MAX_LINES = 200_000
 _MAX_PATH_BYTES = 1_000_000
+_OUTCOME = "outcome of the BARN Challenge"
+_OUTCOME_NAMES = "world_idx success collided timeout time nav_metric"
 _TRACE = "write it again with the loop of run.py; a score must not rest on part of a run"
 
 
@@ -50,7 +62,9 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         with path.open(encoding="ascii") as stream:
             for number, line in enumerate(stream, 1):
                 if number > _MAX_LINES:
-                    raise LogError(f"more than {_MAX_LINES:,} lines", file=path, hint="give the files of one run")
+                    raise LogError(
+                        f"more than {_MAX_LINES:,} lines", file=path, hint="give the files of one run"
+                    )
                 if line.strip():
                     yield number, line
     except UnicodeDecodeError as cause:
@@ -232,33 +246,74 @@ class OutcomeReader:
         return path.is_file() and path.name == "out.txt"
 
     def describe(self, path: Path) -> LogDescription:
-        """The metric that `run.py` computed."""
+        """How many runs there are, and the metric that `run.py` computed of the first."""
         try:
-            _, _, total = _outcome(path)
+            runs = list(outcomes(path))
         except LogError as error:
-            return LogDescription("outcome of the BARN Challenge", damage=str(error))
-        return LogDescription("outcome of the BARN Challenge", facts={"nav_metric": total})
+            return LogDescription(_OUTCOME, damage=str(error))
+        return LogDescription(_OUTCOME, facts={"runs": len(runs), "nav_metric": runs[0].nav_metric})
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """The official result, and which world it is of."""
-        world, items, total = _outcome(path)
+        runs = list(outcomes(path))
+        if len(runs) != 1:
+            raise LogError(
+                f"it holds {len(runs)} runs",
+                file=path,
+                hint="keep the line of this run alone; 'ariac-score barn report' reads all of them",
+            )
+        (outcome,) = runs
         builder = TrialBuilder(path.parent.name, file=path, clock=None)
-        builder.facts = {"world": world}
-        builder.official = OfficialResult(path.name, total, None, items=items)
+        builder.facts = {"world": outcome.world}
+        builder.official = OfficialResult(
+            path.name,
+            outcome.nav_metric,
+            None,  # the time on the way, which is not that of the recording
+            items={"nav_metric": f"{outcome.nav_metric:.4f}", "time": f"{outcome.time_s:.4f}"},
+        )
         return builder.build()
 
 
-def _outcome(path: Path) -> tuple[int, dict[str, str], float]:
-    """World, the items as printed, and the metric."""
-    lines = list(_lines(path))
-    if len(lines) != 1:
-        raise LogError(
-            f"it holds {len(lines)} runs",
-            file=path,
-            hint="keep the line of this run alone; 'ariac-score barn report' reads all of them",
-        )
-    ((number, line),) = lines
-    names = "world success collided timeout time nav_metric"
-    values = _numbers(path, number, line, names)
-    items = dict(zip(names.split(), line.split(), strict=True))
-    return int(values[0]), items, values[-1]
+@dataclass(frozen=True)
+class Outcome:
+    """One line of `out.txt`.
+
+    Attributes:
+        world: Index of the world.
+        success: Whether the goal was reached.
+        collided: Whether the robot touched something.
+        timeout: Whether the time ran out.
+        time_s: Time on the way, s.
+        nav_metric: The navigation metric.
+    """
+
+    world: int
+    success: bool
+    collided: bool
+    timeout: bool
+    time_s: float
+    nav_metric: float
+
+
+def outcomes(path: Path) -> Iterator[Outcome]:
+    """The runs of an `out.txt`, in order.
+
+    Raises:
+        NothingToScoreError: There is none.
+        LogError: A line is not six numbers, or does not say how the run ended.
+    """
+    number = 0
+    for number, line in _lines(path):
+        world, success, collided, timeout, time_s, metric = _numbers(path, number, line, _OUTCOME_NAMES)
+        flags = (success, collided, timeout)
+        # run.py lets a collision at the time limit count as both.
+        if not set(flags) <= {0.0, 1.0} or success == max(collided, timeout) or world != int(world):
+            raise LogError(
+                f"{line.strip()!r} does not say how the run ended",
+                file=path,
+                place=f"line {number}",
+                hint="success, collided and timeout are 1 or 0, and a run succeeded or it did not",
+            )
+        yield Outcome(int(world), success == 1, collided == 1, timeout == 1, time_s, metric)
+    if not number:
+        raise NothingToScoreError("the file is empty", file=path, hint="let run.py finish the run")

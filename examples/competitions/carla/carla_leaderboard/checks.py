@@ -192,9 +192,7 @@ def _shares(
         if percent is None:
             yield Finding.inconclusive(item.id, f"no percentage in {message!r}", clause=_SOURCE)
         else:
-            yield Finding(
-                item.id, Verdict.VIOLATED, message, quantities=quantities(percent), clause=_SOURCE
-            )
+            yield Finding(item.id, Verdict.VIOLATED, message, quantities=quantities(percent), clause=_SOURCE)
     if not item.infractions[kind]:
         yield Finding.satisfied(item.id, f"no {kind}", clause=_SOURCE)
 

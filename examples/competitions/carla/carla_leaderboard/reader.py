@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -162,7 +161,7 @@ def _route(path: Path, record: object, place: str) -> Route:
 def _identifier(path: Path, record: object, place: str) -> str:
     name: str = _get(path, record, "route_id", str, place)
     if not name or "/" in name or not name.isprintable():
-        raise LogError(f"route_id {name[:40]!r} is no name", file=path, place=place, hint="letters, digits and _")
+        raise LogError(f"route_id {name[:40]!r} is no name", file=path, place=place, hint="use a name")
     return name
 
 
@@ -177,10 +176,12 @@ def _official(path: Path, checkpoint: object, records: list[Any]) -> OfficialRes
     """The scores as the leaderboard wrote them, of the entry and of each route."""
     entry = _get(path, checkpoint, "global_record", dict, "_checkpoint")
     mean = _get(path, entry, "scores_mean", dict, "_checkpoint.global_record")
-    items = {name: repr(_number(path, mean, name, "_checkpoint.global_record.scores_mean")) for name in _SCORES}
+    items = {
+        name: repr(_number(path, mean, name, "_checkpoint.global_record.scores_mean")) for name in _SCORES
+    }
     for i, record in enumerate(records):
         scores, place = record["scores"], f"_checkpoint.records[{i}].scores"
-        items |= {f"{record['route_id']}/{name}": repr(_number(path, scores, name, place)) for name in _SCORES}
-    total = float(items["score_composed"])
-    assert math.isfinite(total)
-    return OfficialResult(path.name, total, None, items=items)
+        items |= {
+            f"{record['route_id']}/{name}": repr(_number(path, scores, name, place)) for name in _SCORES
+        }
+    return OfficialResult(path.name, float(items["score_composed"]), None, items=items)

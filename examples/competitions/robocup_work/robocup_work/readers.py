@@ -10,7 +10,6 @@ from typing import Any
 
 from ariac_score import (
     Clock,
-    DataFileError,
     Event,
     Item,
     LogDescription,
@@ -62,7 +61,7 @@ class TaskReader:
 
     def read(self, path: Path, wanted: Wanted | None) -> Trial:
         """The tasks as work items, and what is stated of the run as facts."""
-        data = load_yaml(path, error=LogError).data
+        data = load_yaml(path).data
         _keys(path, "$", data, {"test": str, "objects": str, "time_limit_s": (int, float), "tasks": list})
         if data["objects"] not in ("real", "april_tags"):
             raise LogError(
@@ -78,7 +77,11 @@ class TaskReader:
         tasks = tuple(_task(path, f"$.tasks[{i}]", task) for i, task in enumerate(data["tasks"]))
         _no_twice(path, [task.id for task in tasks])
         _no_twice(path, [item.id for task in tasks for item in task.items])
-        facts = {"test": data["test"], "objects": data["objects"], "time_limit_s": float(data["time_limit_s"])}
+        facts = {
+            "test": data["test"],
+            "objects": data["objects"],
+            "time_limit_s": float(data["time_limit_s"]),
+        }
         return Trial(id=path.parent.name, work=tasks, facts=facts)
 
 
@@ -88,7 +91,7 @@ def _task(path: Path, place: str, task: Any) -> Item:
     inner = []
     for i, thing in enumerate(task["objects"]):
         _keys(path, f"{place}.objects[{i}]", thing, {"id": str, "type": str})
-        inner.append(Item(f"{task['id']}/{thing['id']}", "object", {"type": thing["type"], **where}))
+        inner.append(Item(thing["id"], "object", {"type": thing["type"], **where}))
     return Item(task["id"], "task", where, tuple(inner))
 
 
@@ -145,7 +148,9 @@ class RefereeReader:
         except ScoreError as error:
             return LogDescription("referee's sheet", damage=str(error))
         times = {kind: [e.t_s for e in events if e.kind == kind] for kind in KINDS}
-        topics = tuple(TopicDescription(k, "event", len(t), t[0], t[-1]) for k, t in sorted(times.items()) if t)
+        topics = tuple(
+            TopicDescription(k, "event", len(t), t[0], t[-1]) for k, t in sorted(times.items()) if t
+        )
         return LogDescription("referee's sheet", topics, clock="referee's watch", duration_s=events[-1].t_s)
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -168,7 +173,7 @@ def _events(path: Path) -> Iterator[Event]:
         if (last is None) != (event.kind == KINDS[0]):
             raise _fault(path, number, f"{event.kind!r} cannot stand here", f"the first row is {KINDS[0]!r}")
         if last is not None and (event.t_s < last.t_s or last.kind == KINDS[1]):
-            raise _fault(path, number, "it lies after the end, or before the row above", "put the rows in order")
+            raise _fault(path, number, "it is out of order", "put the rows in order, up to the end")
         yield (last := event)
     if last is None:
         raise NothingToScoreError("the sheet holds no event", file=path, hint="was the run started?")
@@ -198,12 +203,14 @@ def _event(path: Path, number: int, row: list[str]) -> Event:
         t_s = float(time)
     except ValueError:
         t_s = math.nan
-    if not 0 <= t_s <= 86_400:
+    if not 0 <= t_s <= 86_400:  # neither is NaN
         raise _fault(path, number, f"time {time[:20]!r}", "give s since the start of the run")
     if kind not in KINDS:
         raise _fault(path, number, f"unknown event {kind[:40]!r}", did_you_mean(kind, KINDS, what="events"))
     if bool(thing) != (kind in OF_OBJECTS):
-        raise _fault(path, number, f"{kind!r} of object {thing[:40]!r}", "objects stand with what is done to them")
+        raise _fault(
+            path, number, f"{kind!r} of object {thing[:40]!r}", "name what it was done to, and nothing else"
+        )
     if kind in (*OF_PLACES, "placed") and not place:
         raise _fault(path, number, f"{kind!r} without a place", "say at which service area")
     return Event(t_s, kind, thing or place, place if thing else "")
