@@ -87,10 +87,12 @@ class TaskReader:
 
 def _task(path: Path, place: str, task: Any) -> Item:
     _keys(path, place, task, {"id": str, "source": str, "target": str, "objects": list})
+    _check_name(path, place, task["id"])
     where = {"source": task["source"], "target": task["target"]}
     inner = []
     for i, thing in enumerate(task["objects"]):
         _keys(path, f"{place}.objects[{i}]", thing, {"id": str, "type": str})
+        _check_name(path, f"{place}.objects[{i}]", thing["id"])
         inner.append(Item(thing["id"], "object", {"type": thing["type"], **where}))
     return Item(task["id"], "task", where, tuple(inner))
 
@@ -112,6 +114,11 @@ def _keys(path: Path, place: str, data: object, kinds: Mapping[str, Any]) -> Non
         if not isinstance(value, kind) or isinstance(value, bool) or value in ("", []):
             fault = f"{key!r} is missing" if key not in data else f"{key!r} is {str(value)[:40]!r}"
             raise LogError(fault, file=path, place=place, hint="see recording/bmt_1/task.yaml for an example")
+
+
+def _check_name(path: Path, place: str, name: str) -> None:
+    if "/" in name:  # it separates the names in the path of an item
+        raise LogError(f"the id {name[:40]!r} has a slash", file=path, place=place, hint="give it another name")
 
 
 def _no_twice(path: Path, names: list[str]) -> None:
