@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,12 +14,20 @@ from typing import Any
 import yaml
 
 from ariac_score.checks.registry import Plugin, Registry, parameters_of
-from ariac_score.documents.schema import schema, shipped_rules, validate
+from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
-from ariac_score.errors import FormulaError, PluginError, RuleSetError, UsageError, did_you_mean
+from ariac_score.errors import (
+    FormulaError,
+    PluginError,
+    PluginNotFoundError,
+    RuleSetError,
+    ScoreError,
+    UsageError,
+    did_you_mean,
+)
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
-from ariac_score.scoring.penalties import PREFIX, with_penalty
+from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
@@ -31,6 +40,7 @@ __all__ = [
     "differences",
     "draft_rule_set",
     "expanded_yaml",
+    "installed_rule_sets",
     "load_rule_set",
     "rule_set_from_text",
     "rule_set_names",
@@ -45,8 +55,7 @@ MAX_EXTENDS = 8
 
 _COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
-_DEFAULT = "ruleset"
-_NOT_RULE_SETS = frozenset({"log_map"})
+GROUP = "ariac_score.rule_sets"
 
 
 @dataclass(frozen=True)
@@ -196,33 +205,37 @@ def _built(check: Check, registry: Registry, file: str) -> Any:
         raise
 
 
-def rule_set_names() -> list[str]:
-    """The shipped rule sets."""
-    return sorted(_shipped())
+def rule_set_names(registry: Registry | None = None) -> list[str]:
+    """The installed rule sets."""
+    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
 
 
-def _shipped() -> dict[str, Path]:
-    shipped = {}
-    for name, path in shipped_rules().items():
-        edition, _, last = name.rpartition(".")
-        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
-            shipped[edition if last == _DEFAULT else name] = path
-    return shipped
+def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
+    """Every installed rule set that can be used; what is wrong with another one stops only what names it."""
+    found: list[RuleSet] = []
+    registry = registry or Registry()
+    for name in rule_set_names(registry):
+        with suppress(ScoreError):
+            found.append(load_rule_set(name, registry))
+    return found
 
 
-def load_rule_set(name: str) -> RuleSet:
-    """Load a shipped rule set by name, or one from a file by its path.
+def load_rule_set(name: str, registry: Registry | None = None) -> RuleSet:
+    """Load an installed rule set by name, or one from a file by its path.
 
     Args:
         name: Such as `paper2020`, or a path ending in `.yaml`.
+        registry: What is installed, where the caller has it already.
 
     Raises:
         UsageError: There is no rule set of that name.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    registry = registry or Registry()
+    return _parsed(with_penalty(_expanded(_path_of(name, Path(), registry), (), registry)))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -310,20 +323,20 @@ def expanded_yaml(rule_set: RuleSet) -> str:
     return rule_set.text
 
 
-def _path_of(name: str, folder: Path) -> Path:
+def _path_of(name: str, folder: Path, registry: Registry) -> Path:
     """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
         return folder / name
-    shipped = _shipped()
-    if name not in shipped:
+    try:
+        return registry.file(GROUP, name).path
+    except PluginNotFoundError:
+        known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
         raise UsageError(
-            f"there is no rule set {name!r}",
-            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
-        )
-    return shipped[name]
+            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+        ) from None
 
 
-def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
     _refuse_its_parameters(document)
@@ -341,7 +354,7 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
             hint="one must stand alone",
         )
     try:
-        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+        base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
