@@ -43,7 +43,9 @@ def put_on_path(guest: str, site: Path) -> list[Path]:
 
 
 def _value(text: str, key: str) -> str:
-    return next(line.partition('"')[2].rstrip('"') for line in text.splitlines() if line.startswith(f"{key} ="))
+    return next(
+        line.partition('"')[2].rstrip('"') for line in text.splitlines() if line.startswith(f"{key} =")
+    )
 
 
 @pytest.fixture(params=["barn", "robocup_work", "carla"])

@@ -118,7 +118,9 @@ def _keys(path: Path, place: str, data: object, kinds: Mapping[str, Any]) -> Non
 
 def _check_name(path: Path, place: str, name: str) -> None:
     if "/" in name:  # it separates the names in the path of an item
-        raise LogError(f"the id {name[:40]!r} has a slash", file=path, place=place, hint="give it another name")
+        raise LogError(
+            f"the id {name[:40]!r} has a slash", file=path, place=place, hint="give it another name"
+        )
 
 
 def _no_twice(path: Path, names: list[str]) -> None:

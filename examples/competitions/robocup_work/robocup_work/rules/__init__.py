@@ -1,1 +1,0 @@
-"""The rule sets of RoboCup@Work."""
