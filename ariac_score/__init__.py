@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         Wanted,
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
+    from ariac_score.checks.measures import Measure
     from ariac_score.checks.parameters import (
         ParameterFacts,
         Status,
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
         UsageError,
         did_you_mean,
     )
+    from ariac_score.logs.logmap import load_log_map
     from ariac_score.logs.messages import RecordedMessage, read_messages
     from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
@@ -83,7 +85,6 @@ if TYPE_CHECKING:
         EventNumber,
     )
     from ariac_score.trial.frozen import FrozenMap
-    from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
         LogDefect,
@@ -151,6 +152,7 @@ _MODULE_OF = {
     "LogError": "ariac_score.errors",
     "LogMap": "ariac_score.trial.channels",
     "Margined": "ariac_score.checks.contracts",
+    "Measure": "ariac_score.checks.measures",
     "Measured": "ariac_score.results.result",
     "MissingSignalError": "ariac_score.errors",
     "Monitor": "ariac_score.checks.contracts",
@@ -199,7 +201,7 @@ _MODULE_OF = {
     "episodes_where": "ariac_score.trial.spans",
     "exact_sum": "ariac_score.trial.sums",
     "load_cohort": "ariac_score.results.cohort_file",
-    "load_log_map": "ariac_score.trial.logmap",
+    "load_log_map": "ariac_score.logs.logmap",
     "load_result": "ariac_score.results.result_file",
     "load_rule_set": "ariac_score.scoring.ruleset",
     "load_yaml": "ariac_score.documents.yaml",
@@ -256,6 +258,7 @@ __all__ = [
     "LogError",
     "LogMap",
     "Margined",
+    "Measure",
     "Measured",
     "MissingSignalError",
     "ModelTrack",
