@@ -22,7 +22,6 @@ from ariac_score import (
     Provenance,
     Result,
     RuleSet,
-    TeamSetup,
     Trial,
     as_json,
     load_result,
@@ -33,7 +32,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 EVALUATION, DOCUMENTED = "ariac2024.evaluation", "ariac2024.as_documented"
 PLACE = Pose((-0.1, 0.1, 0.0))
@@ -83,7 +82,7 @@ def trial_of(team: Team) -> Trial:
         tuple(orders),
         tuple(sorted(submissions, key=lambda s: s.submitted_s)),
         witnessed=frozenset({"submissions", "part_assembled"}),
-        team=TeamSetup("", None, team.cost),
+        records=(SensorBill(team.cost),),
     )
 
 

@@ -369,8 +369,8 @@ class Competition(Protocol):
     - `complete(trial)`: the trial with what follows from all its logs together;
     - `defects(trial)`: what is wrong with a trial although its logs are whole, as `LogDefect`s;
     - `unlikely(likeness)`: why a file that looks so cannot be its own, in a few words; else empty;
-    - `place(item, name)`: for the audit of official texts, the path inside an outermost item of what a
-      text calls by a name of its own, and why there is none;
+    - `printed_level(name)`, `place(item, level, name)`: for the audit of official texts, the level of what a
+      text calls by a name of its own, its path inside an outermost item, and why there is none;
     - `example_trial(seed)`, `made_trial()`, `recorded_messages(trial, motion)`: see `ariac_score.testing`.
     """
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Decoder, Likening, Reader, TrackReader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
@@ -22,6 +21,7 @@ from ariac_score.errors import (
     RunEndedError,
     ScoreError,
 )
+from ariac_score.installed.captured_output import quiet
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials

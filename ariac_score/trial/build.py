@@ -148,7 +148,7 @@ class TrialBuilder:
             self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 
     def build(self) -> Trial:
-        """The trial, with everything in order of time; what repeats in its work is settled by `merge_trials`."""
+        """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         return Trial(
             id=self.trial_id,
             work=tuple(self.work),

@@ -122,7 +122,7 @@ class Record:
     timed: ClassVar[bool] = False
     """Whether it is worth nothing where the times of its log are not those of the trial."""
 
-    def shifted(self, by_s: float) -> Record:
+    def shifted(self, by_s: float) -> Record:  # noqa: ARG002  # a record with times needs it
         """The same record with every time later by a number of seconds."""
         if self.timed:
             raise NotImplementedError(f"{type(self).__name__} has times, and must say how they are shifted")

@@ -10,7 +10,8 @@ from ariac_score import Likeness, LogDefect, Trial, check_parameters, parameter
 from ariac_score_ariac.config.product_types import unknown_products
 from ariac_score_ariac.joining import joined, with_irregularities
 from ariac_score_ariac.kits import with_contents
-from ariac_score_ariac.work import orders_of
+from ariac_score_ariac.official.places import place_of
+from ariac_score_ariac.work import Order, orders_of
 
 if TYPE_CHECKING:
     from ariac_score.testing import Recorded
@@ -57,7 +58,7 @@ class Ariac:
         return joined(merged, parts, file)
 
     def complete(self, trial: Trial) -> Trial:
-        """The trial with contents for submissions that came without, and with what is irregular about them."""
+        """The trial with contents for submissions that came without, and what is irregular about them."""
         return with_contents(with_irregularities(trial), max_age_s=self.max_age_s)
 
     def defects(self, trial: Trial) -> list[LogDefect]:
@@ -69,6 +70,14 @@ class Ariac:
         if self.edition is None or not likeness.used_by or str(self.edition) in likeness.used_by:
             return ""
         return str(self.edition)
+
+    def printed_level(self, name: str) -> str:
+        """The level of a block of an official text that stands inside an order."""
+        return "submission" if name.startswith("shipment_") else "part"
+
+    def place(self, order: Order, level: str, name: str) -> tuple[str, str]:
+        """The path of what an official text calls by a name within an order, and why there is none."""
+        return place_of(order, level, name)
 
     def example_trial(self, *, seed: int) -> Trial:
         """Two kits with flaws that can be checked by hand."""

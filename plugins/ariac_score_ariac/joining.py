@@ -35,18 +35,18 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     orders = _orders(parts, first_announced(merged), file)
     bills = [record for part in parts for record in part.records if isinstance(record, SensorBill)]
     only("a sensor cost", [bill.cost for bill in bills], file)
-    only("a team set-up", [dict(bill.sensors) for bill in bills], file)
+    counted = only("a team set-up", [dict(bill.sensors) for bill in bills if bill.sensors is not None], file)
     only("a list of faulty products", [f for part in parts if (f := faulty_products(part)) is not None], file)
     known = {order.id for order in orders}
     unannounced = len({o.id for part in parts for o in orders_of(part) if not o.updates} - known)
     message = "orders of the configuration were never announced in the log"
-    defects = [*merged.log_defects, *_other_sensors(merged.team, bills)]
+    defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
     defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
     return replace(
         merged,
         work=orders,
         submissions=_submissions(parts, file),
-        team=_with_sensors(merged.team, bills),
+        team=_with_sensors(merged.team, counted),
         records=_each_once(merged),
         log_defects=tuple(sorted(defects)),
     )
@@ -169,26 +169,27 @@ def _submissions(parts: Sequence[Trial], file: object) -> tuple[KitSubmission, .
 
 
 def _each_once(merged: Trial) -> tuple[Record, ...]:
-    """The records; the configuration and a record of the run may list the same faulty products."""
+    """The records; two files may list the same faulty products, or the same cost."""
     listed = [record for record in merged.records if isinstance(record, FaultyProducts)]
-    return (*(r for r in merged.records if not isinstance(r, FaultyProducts)), *listed[:1])
+    bills = [record for record in merged.records if isinstance(record, SensorBill)]
+    others = (r for r in merged.records if not isinstance(r, FaultyProducts | SensorBill))
+    return (*others, *listed[:1], *bills[:1])
 
 
-def _with_sensors(team: TeamSetup | None, bills: Sequence[SensorBill]) -> TeamSetup | None:
+def _with_sensors(team: TeamSetup | None, counted: Mapping[str, str] | None) -> TeamSetup | None:
     """The team with the sensors of its configuration, or else those that a record counts."""
-    if not bills or (team is not None and team.sensors is not None):
+    if counted is None or (team is not None and team.sensors is not None):
         return team
-    return replace(team or TeamSetup(), sensors=bills[0].sensors)
+    return replace(team or TeamSetup(), sensors=counted)
 
 
-def _other_sensors(team: TeamSetup | None, bills: Sequence[SensorBill]) -> Iterator[LogDefect]:
+def _other_sensors(team: TeamSetup | None, counted: Mapping[str, str] | None) -> Iterator[LogDefect]:
     """Whether a record counts other sensors than are configured; by type, for the names always differ."""
     configured = None if team is None else team.sensors
-    if configured is None or not bills:
+    if configured is None or counted is None or sorted(configured.values()) == sorted(counted.values()):
         return
-    if sorted(configured.values()) != sorted(bills[0].sensors.values()):
-        message = (
-            f"the record counts {len(bills[0].sensors)} sensors, the team configuration has {len(configured)}, "
-            "or of other types; the configured ones were kept"
-        )
-        yield LogDefect("other_sensors", "team", 1, message)
+    message = (
+        f"the record counts {len(counted)} sensors, the team configuration has {len(configured)}, "
+        "or of other types; the configured ones were kept"
+    )
+    yield LogDefect("other_sensors", "team", 1, message)

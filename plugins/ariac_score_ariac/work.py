@@ -58,6 +58,11 @@ class WantedProduct:
         """The slot, which is its name within the task."""
         return self.slot
 
+    @property
+    def words(self) -> str:
+        """What is wanted, for people."""
+        return self.type
+
 
 @dataclass(frozen=True)
 class Product:
@@ -111,6 +116,12 @@ class Task:
     agv: str = "any"
     station: str = ""
     tray: Tray | None = None
+
+    @property
+    def words(self) -> str:
+        """What is wanted, for people."""
+        on = f", on {self.agv}" if self.agv not in ("", "any") else ""
+        return f"{self.kind}{on}" + (f", to {self.station}" if self.station else "")
 
     @property
     def items(self) -> tuple[WantedProduct, ...]:
@@ -261,6 +272,18 @@ class KitSubmission(Submission):
         """Whether its contents are known: those of its time."""
         return self.contents is not None
 
+    @property
+    def words(self) -> str:
+        """Where it was brought, for people."""
+        return " ".join(
+            [*([f"on {self.agv}"] if self.agv else []), *([f"at {self.station}"] if self.station else [])]
+        )
+
+    @property
+    def shown_contents(self) -> tuple[str, ...] | None:
+        """The types of its products, for people; `None` when the log does not show them."""
+        return None if self.contents is None else tuple(product.type for product in self.contents)
+
 
 @dataclass(frozen=True)
 class FaultyProducts(Record):
@@ -275,15 +298,16 @@ class SensorBill(Record):
 
     Attributes:
         cost: In dollars.
-        sensors: Sensor types by sensor name.
+        sensors: Sensor types by sensor name; `None` when the record does not list them.
     """
 
     cost: float
-    sensors: Mapping[str, str]
+    sensors: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
         # A check must not be able to change what the next one reads.
-        object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
+        if self.sensors is not None:
+            object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
 
 
 def orders_of(trial: Trial) -> tuple[Order, ...]:

@@ -57,7 +57,7 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.clock import Clock
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 FOLDER = Path(__file__).parent / "worked"
 REGISTRY = Registry()
@@ -240,7 +240,9 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
     builder = TrialBuilder("case", file="case", clock=Clock("simulated time"))
     builder.witnessed |= WITNESSED - set(case.get("unwitnessed", []))
     if "sensors" in case or "cost" in case:
-        builder.team = TeamSetup("", case.get("sensors"), case.get("cost"))
+        builder.team = TeamSetup("", case.get("sensors"))
+        if case.get("cost") is not None:
+            builder.add(SensorBill(case["cost"]))
     for document in case["orders"]:
         tasks = tuple(task_of(task) for task in document["tasks"])
         order = Order(

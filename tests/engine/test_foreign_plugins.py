@@ -16,6 +16,7 @@ from ariac_score.engine.prepared import prepare
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import PluginConflictError
 from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 RULES = "ariac2020.as_coded"
@@ -23,7 +24,6 @@ COMPETITIONS = "ariac_score.competitions"
 
 NAMING = """
 from ariac_score import LogDefect
-from ariac_score_ariac.testing import kitting_trial
 
 class Cup:
     def unknown_products(self, orders, edition):

@@ -38,6 +38,7 @@ from ariac_score.testing import (
 )
 from ariac_score.testing.pages import example_parameters
 from ariac_score.testing.variants import SIGNAL_VARIANTS, reordered, shifted
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_database import write_database_competition
 from ariac_score_ariac.testing.recordings import recorded_messages
 
@@ -471,7 +472,7 @@ def test_a_rule_that_assumes_submissions_is_named(install: Install) -> None:
         @dataclass(frozen=True)
         class Plugin:
             def judge(self, trial, order):
-                done = any(s.task_id == order.tasks[0].id for s in trial.submissions)
+                done = any(s.item_id == order.tasks[0].id for s in trial.submissions)
                 make = Finding.satisfied if done else Finding.violated
                 yield make(order.id, "handed in" if done else "not handed in")
         """
@@ -634,7 +635,6 @@ def test_only_who_can_begin_is_held_to_it() -> None:
 
 READER = """
 from ariac_score import LogDescription, LogError, Signal, Span, Trial
-from ariac_score_ariac.testing import kitting_trial
 
 CALLS = []
 

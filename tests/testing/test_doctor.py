@@ -13,13 +13,13 @@ from ariac_score.checks.registry import package_sha256
 from ariac_score.cli import main
 from ariac_score.testing import write_trial_log
 from ariac_score.testing.doctor import ailments
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 
 RULE = '''
 from dataclasses import dataclass
 from ariac_score import Finding
-from ariac_score_ariac.testing import kitting_trial
 
 @dataclass(frozen=True)
 class Rule:

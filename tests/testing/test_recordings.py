@@ -52,8 +52,8 @@ def test_a_recording_of_no_competition_gives_back_the_trial_but_for_its_orders(t
     assert read.work == ()
     assert [event.kind for event in read.events] == ["competition_started", "competition_ended"]
     assert made.witnessed <= read.witnessed
-    assert [(s.task_id, s.agv, s.contents) for s in read.submissions] == [
-        (s.task_id, s.agv, s.contents) for s in made.submissions
+    assert [(s.item_id, s.agv, s.contents) for s in read.submissions] == [
+        (s.item_id, s.agv, s.contents) for s in made.submissions
     ]
     for name in ("position/robot", "position/human", "speed/robot"):
         assert np.allclose(read.signals[name].values, made.signals[name].values, atol=1e-9)

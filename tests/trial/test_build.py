@@ -21,8 +21,9 @@ from ariac_score.trial.events import (
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.joining import settle_orders
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, WantedProduct, sensor_cost
 
 FIRST, SECOND, THIRD = Task("first"), Task("second"), Task("third")
 
@@ -36,7 +37,8 @@ def signal(name: str = "speed/human", t: tuple[float, ...] = (0.0, 1.0)) -> Sign
 
 
 def merged(*parts: Trial) -> Trial:
-    return merge_trials("whole", parts, file="bundle")
+    competition = Ariac()
+    return competition.complete(merge_trials("whole", parts, file="bundle", competition=competition))
 
 
 # Orders --------------------------------------------------------------------------------
@@ -98,8 +100,11 @@ def test_an_order_announced_again_with_other_contents_is_refused() -> None:
 @pytest.mark.parametrize(
     ("order", "what"),
     [
-        (Order("a", (Task("a_0"), Task("a_0"))), "two shipments named 'a_0'"),
-        (Order("a", (Task("a_0", products=(WantedProduct("p", "x"),) * 2),)), "two slots named 'p'"),
+        (Order("a", (Task("a_0"), Task("a_0"))), "order 'a' holds two items named 'a_0'"),
+        (
+            Order("a", (Task("a_0", products=(WantedProduct("p", "x"),) * 2),)),
+            "submission 'a_0' holds two items named 'p'",
+        ),
     ],
 )
 def test_an_order_in_which_two_things_have_one_name_is_refused(order: Order, what: str) -> None:
@@ -423,7 +428,7 @@ def test_an_order_of_very_many_products_is_taken_at_once() -> None:
     taken = builder()
 
     taken.add(Order("order_0", (Task("shipment", products=products),)))
-    with pytest.raises(LogError, match="two slots named 'part_299999'"):
+    with pytest.raises(LogError, match="two items named 'part_299999'"):
         taken.add(Order("order_1", (Task("shipment", products=(*products, products[-1])),)))
 
     assert [order.id for order in taken.work] == ["order_0"]
@@ -531,17 +536,17 @@ def test_one_log_merges_to_itself() -> None:
 
 def test_sensors_of_a_configuration_and_their_cost_of_a_record_make_one_team() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"camera": "rgb_camera"}))
-    recorded = Trial("b", team=TeamSetup(sensor_cost=300.0))
+    recorded = Trial("b", records=(SensorBill(300.0),))
 
-    team = merged(configured, recorded).team
+    whole = merged(configured, recorded)
 
-    assert team is not None
-    assert (dict(team.sensors), team.sensor_cost) == ({"camera": "rgb_camera"}, 300.0)
+    assert whole.team == TeamSetup(sensors={"camera": "rgb_camera"})
+    assert sensor_cost(whole) == 300.0
 
 
 def test_two_records_of_different_cost_are_refused() -> None:
     with pytest.raises(LogError, match="a sensor cost"):
-        merged(Trial("a", team=TeamSetup(sensor_cost=1.0)), Trial("b", team=TeamSetup(sensor_cost=2.0)))
+        merged(Trial("a", records=(SensorBill(1.0),)), Trial("b", records=(SensorBill(2.0),)))
 
 
 def test_numbers_of_several_files_are_united() -> None:
@@ -582,23 +587,24 @@ def test_no_sensors_is_not_the_same_as_none_known() -> None:
 
 def test_sensors_are_named_as_configured_when_a_record_counts_the_same() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"front": "lidar", "back": "rgb_camera"}))
-    recorded = Trial(
-        "b", team=TeamSetup(sensors={"lidar_1": "lidar", "rgb_camera_1": "rgb_camera"}, sensor_cost=600.0)
-    )
+    recorded = Trial("b", records=(SensorBill(600.0, {"lidar_1": "lidar", "rgb_camera_1": "rgb_camera"}),))
 
     whole = merged(configured, recorded)
 
-    assert whole.team == TeamSetup("", {"front": "lidar", "back": "rgb_camera"}, 600.0)
+    assert (whole.team, sensor_cost(whole)) == (
+        TeamSetup("", {"front": "lidar", "back": "rgb_camera"}),
+        600.0,
+    )
     assert not [d for d in whole.log_defects if d.kind == "other_sensors"]
 
 
 def test_a_record_that_counts_other_sensors_than_configured_is_named() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"front": "lidar"}))
-    recorded = Trial("b", team=TeamSetup(sensors={"rgb_camera_1": "rgb_camera"}, sensor_cost=300.0))
+    recorded = Trial("b", records=(SensorBill(300.0, {"rgb_camera_1": "rgb_camera"}),))
 
     whole = merged(configured, recorded)
 
-    assert whole.team == TeamSetup("", {"front": "lidar"}, 300.0)
+    assert (whole.team, sensor_cost(whole)) == (TeamSetup("", {"front": "lidar"}), 300.0)
     assert [d.where for d in whole.log_defects if d.kind == "other_sensors"] == ["team"]
 
 

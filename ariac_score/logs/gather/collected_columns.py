@@ -267,6 +267,6 @@ class PoseBatch:
         names, rows = self._names.names, np.concatenate((pose[:, :3], velocity), axis=1)
         of_links = np.repeat(links, counts)
         models.add_many(names, found, rows, np.repeat(stamps_ns, counts), of_links)
-        for kind, frames in kits.items():
+        for kind, kept in frames.items():
             own, states = links == kind, of_links == kind
-            frames.add_many(names, found[states], pose[states], counts[own], stamps_ns[own])
+            kept.add_many(names, found[states], pose[states], counts[own], stamps_ns[own])

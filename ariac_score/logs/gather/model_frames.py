@@ -1,4 +1,4 @@
-"""Poses of models and links, from messages that list every one of them, for whom they mean more than motion."""
+"""Poses of models and links, from messages that list all of them, for whom they mean more than motion."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from ariac_score_ariac.config.config_values import ConfigPath, ConfigValues
 from ariac_score_ariac.config.listed_orders import listed_orders
 from ariac_score_ariac.config.order_counts import REQUIRED_KEYS, order_counts
 from ariac_score_ariac.config.shipment_orders import shipment_orders
-from ariac_score_ariac.work import Order, orders_of
+from ariac_score_ariac.work import FaultyProducts, Order, orders_of
 
 __all__ = ["TrialConfigReader"]
 
@@ -117,7 +117,11 @@ def _trial(path: Path) -> Trial:
             "name the file of the trial: it has 'orders' (2017 to 2024), or NUM_KITS and NUM_MODULES (2025)",
         )
     return Trial(
-        id=path.stem, work=orders, facts=facts, log_defects=values.mistakes(), faulty_products=faulty
+        id=path.stem,
+        work=orders,
+        facts=facts,
+        log_defects=values.mistakes(),
+        records=() if faulty is None else (FaultyProducts(faulty),),
     )
 
 

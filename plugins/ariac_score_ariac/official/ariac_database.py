@@ -36,7 +36,7 @@ from ariac_score import (
     TrialBuilder,
     Wanted,
 )
-from ariac_score_ariac.work import KitSubmission
+from ariac_score_ariac.work import KitSubmission, SensorBill
 
 __all__ = [
     "ORDER_TYPES",
@@ -232,7 +232,8 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
         builder.add(Event(announced_s, ORDER_ANNOUNCED, order_id))
         builder.add(KitSubmission(order_id, submitted_s))
     orders += _never_submitted(run, orders)
-    builder.team = TeamSetup(run.competitor, sensor_cost=run.facts["sensor_cost"])
+    builder.team = TeamSetup(run.competitor)
+    builder.add(SensorBill(run.facts["sensor_cost"]))
     builder.official = OfficialResult(
         source=path.name,
         total=None,

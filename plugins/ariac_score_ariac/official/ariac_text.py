@@ -551,7 +551,7 @@ def _summary(order: _OrderScore, times: _Times) -> OfficialOrder:
     taken_s = _number(order.values, "time taken")
     items = dict(_printed(order.values))
     for position, shipment in enumerate(order.shipments):
-        items[f"shipment_{position}/id"] = order.item_id(position)
+        items[f"shipment_{position}/id"] = order.task_id(position)
         for label, value in _printed(shipment.values).items():
             items[f"shipment_{position}/{label}"] = value
     # A time of 0 is printed for an order that is not complete.
@@ -600,7 +600,7 @@ def _add_submissions(builder: TrialBuilder, score: _Score, times: _Times, where:
         at_s, exact = _submitted_s(order, times)
         for position, shipment in enumerate(order.shipments):
             if shipment.submitted:
-                builder.add(KitSubmission(order.item_id(position), end_s if at_s is None else at_s))
+                builder.add(KitSubmission(order.task_id(position), end_s if at_s is None else at_s))
                 guessed += not exact
     builder.defect(
         "unknown_submission_time",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 from ariac_score import ORDER_ANNOUNCED, Finding, Trial
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, submissions_of
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
@@ -58,7 +58,7 @@ def claimed(
     """
     start_s = order.announced_s if counts_from == "update" else first_announced_s(trial, order)
     # One at the very start counts: as coded its time must be at least that of the order.
-    for submission in trial.submissions:
+    for submission in submissions_of(trial):
         if submission.item_id == task.id and (start_s is None or submission.submitted_s >= start_s):
             return submission
     return None

@@ -24,7 +24,7 @@ from ariac_score_ariac.tasks import (
     TrayRight,
 )
 from ariac_score_ariac.tasks.poses import PoseError, best_total
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -375,20 +375,23 @@ def test_unknown_contents_leave_assembly_undecided() -> None:
 
 
 @pytest.mark.parametrize(
-    ("team", "verdict"),
+    ("sensors", "recorded", "verdict"),
     [
-        (TeamSetup("", MappingProxyType({"a": "lidar"})), SATISFIED),
-        (TeamSetup("", None, 300.0), SATISFIED),
-        (TeamSetup("", MappingProxyType({})), INCONCLUSIVE),
-        (TeamSetup("", None, 0.0), INCONCLUSIVE),
-        (TeamSetup("", None), INCONCLUSIVE),
-        (TeamSetup("", MappingProxyType({"a": "radar"})), INCONCLUSIVE),
+        ({"a": "lidar"}, None, SATISFIED),
+        (None, 300.0, SATISFIED),
+        ({}, None, INCONCLUSIVE),
+        (None, 0.0, INCONCLUSIVE),
+        (None, None, INCONCLUSIVE),
+        ({"a": "radar"}, None, INCONCLUSIVE),
     ],
 )
-def test_a_cost_of_nothing_is_no_divisor(team: TeamSetup, verdict: Verdict) -> None:
+def test_a_cost_of_nothing_is_no_divisor(
+    sensors: dict[str, str] | None, recorded: float | None, verdict: Verdict
+) -> None:
     rule = PositiveSensorCost(MappingProxyType({"lidar": 300.0}))
+    bill = () if recorded is None else (SensorBill(recorded),)
 
-    findings: list[Finding] = list(rule.watch(Trial("t", team=team)))
+    findings: list[Finding] = list(rule.watch(Trial("t", team=TeamSetup("", sensors), records=bill)))
 
     assert [finding.verdict for finding in findings] == [verdict]
     assert [dict(f.quantities).get("dollars") for f in findings] == [300.0 if verdict is SATISFIED else None]
