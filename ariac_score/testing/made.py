@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.testing.trials import near_miss_trial
 from ariac_score.trial.events import ARM_COLLISION, ORDER_ANNOUNCED, PART_DROPPED, Event
 from ariac_score.trial.model import Body, OfficialResult, TeamSetup, Trial
@@ -19,7 +20,9 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity
 from ariac_score.trial.work import Item, Submission
 
-__all__ = ["made_trial"]
+__all__ = ["made_trial", "made_trial_for"]
+
+_COMPETITIONS = "ariac_score.competitions"
 
 _WAVES = {"m": (1.5, 1.4), "m/s": (0.6, 0.6), "N": (80.0, 80.0), "Pa": (5e5, 5e5), "m2": (1e-3, 1e-3)}
 """Middle and amplitude of a quantity in this unit; others swing about 0 by 1."""
@@ -114,3 +117,15 @@ def _triangle(t: FloatArray, period_s: float) -> FloatArray:
     """From 1 to -1 and back; no sine, whose last bits differ between machines."""
     wave: FloatArray = np.abs(np.mod(t, period_s) / period_s * 4.0 - 2.0) - 1.0
     return wave
+
+
+def made_trial_for(plugin: Plugin, registry: Registry) -> Trial:
+    """A trial that gives a plugin something to say: of its distribution's competition, if there is one."""
+    for name in registry.names(_COMPETITIONS):
+        competition = registry.find(_COMPETITIONS, name)
+        if competition.distribution == plugin.distribution:
+            offer = getattr(competition.build({}), "made_trial", None)
+            if offer is not None:
+                trial: Trial = offer()
+                return trial
+    return made_trial()

@@ -36,8 +36,9 @@ from ariac_score.results.result import Setting, Settings
 from ariac_score.results.result_file import check_follows, measured_sha256
 from ariac_score.review.verify import verify_result
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.testing import contract_checks, made_trial
+from ariac_score.testing import contract_checks
 from ariac_score.testing.contract_check import ContractError
+from ariac_score_ariac.testing import made_trial
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "examples/kitting_near_miss.mcap"

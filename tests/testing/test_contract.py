@@ -32,13 +32,12 @@ from ariac_score.testing import (
     ContractCheck,
     ContractError,
     contract_checks,
-    made_trial,
     write_event_log,
     write_trial_log,
 )
 from ariac_score.testing.pages import example_parameters
 from ariac_score.testing.variants import SIGNAL_VARIANTS, reordered, shifted
-from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.testing import kitting_trial, made_trial
 from ariac_score_ariac.testing.official_database import write_database_competition
 from ariac_score_ariac.testing.recordings import recorded_messages
 
