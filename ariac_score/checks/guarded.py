@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import (
     Decoder,
     HoldsRuns,
@@ -19,6 +18,7 @@ from ariac_score.checks.contracts import (
 )
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Kit, Order, Submission, Trial
 
@@ -36,7 +36,7 @@ def broken(plugin: Plugin, what: str, *, of: str = "") -> PluginError:
     check = f"check {of!r}: " if of else ""
     return PluginError(
         f"{check}plugin {plugin.origin} {what}",
-        hint=f"no score is given with a broken plugin; report it to the authors of {plugin.distribution}",
+        hint=f"no score is given with a broken plugin; {plugin.complaint}",
     )
 
 

@@ -12,79 +12,71 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass, field
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.parameters import ParameterFacts, facts_of
 from ariac_score.errors import (
+    LocalPluginError,
     PluginConflictError,
     PluginError,
     PluginNotFoundError,
     RuleSetError,
     did_you_mean,
 )
+from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.points import Point, installed_points, unreadable_hint
 
 __all__ = [
+    "FILE_GROUPS",
+    "LOCAL_DISTRIBUTION",
+    "DataFile",
+    "LocalFinder",
     "Plugin",
     "Registry",
-    "UnreadableDistribution",
-    "origin_of",
+    "is_local",
     "package_sha256",
-    "unreadable_distributions",
-    "unreadable_hint",
 ]
 
+LOCAL_DISTRIBUTION = "local file"
+"""What a result states as the distribution of a file beside a rule set; none can have a space in its name."""
 
-@dataclass(frozen=True)
-class Plugin:
-    """One plugin as installed, not yet imported.
+FILE_GROUPS: Mapping[str, str] = {
+    "ariac_score.rule_sets": "ruleset",
+    "ariac_score.log_maps": "log_map",
+    "ariac_score.penalties": "penalty",
+}
+"""Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
 
-    Attributes:
-        name: Entry-point name, such as `kitting.pose`.
-        group: Entry-point group, one of `ariac_score.checks.contracts.GROUPS`.
-        target: `module:attribute`.
-        distribution: Name of the distribution that brings it.
-        version: Version of that distribution.
+_CLASSES = "classes"
+"""Weights that all penalties share; it lies among them and is none."""
+
+
+def is_local(use: str) -> bool:
+    """Whether a rule set names code that no distribution installs: a file, or a class of a notebook.
+
+    >>> is_local("./ours.py:NearMiss"), is_local("iso_ts_15066.ssm_separation")
+    (True, False)
     """
+    return ":" in use
 
-    name: str
-    group: str
-    target: str
-    distribution: str
-    version: str
 
-    @property
-    def package(self) -> str:
-        """Top-level import package of its code."""
-        return self.target.partition(":")[0].partition(".")[0]
+class Plugin(Point):
+    """One plugin as installed, not yet imported: an entry point of one of our groups."""
 
-    @property
-    def origin(self) -> str:
-        """Words for messages: name, distribution, version."""
-        return f"{self.name} ({self.distribution} {self.version})"
-
-    def load(self) -> Any:
-        """Import the plugin.
+    def code_sha256(self) -> str:
+        """Hash of its code.
 
         Raises:
-            PluginError: The import fails, for whatever reason.
+            PluginError: The code cannot be found on disk.
         """
-        try:
-            with quiet(self.origin, deep=True):
-                return EntryPoint(self.name, self.target, self.group).load()
-        except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
-            raise PluginError(
-                f"cannot be imported: {type(cause).__name__}: {cause}",
-                origin=self.origin,
-                hint=f"repair or reinstall {self.distribution}",
-            ) from cause
+        return package_sha256(self.package)
 
     def build(self, parameters: Mapping[str, Any], *, place: Callable[[str], str] = str) -> Any:
         """Make the plugin with its parameters.
@@ -113,6 +105,10 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
+        self._refuse_other_contract(plugin)
+        return plugin
+
+    def _refuse_other_contract(self, plugin: Any) -> None:
         from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
 
         if not isinstance(plugin, GROUPS[self.group]):
@@ -121,7 +117,6 @@ class Plugin:
                 origin=self.origin,
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
-        return plugin
 
     def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
         """The parameters with the types that the plugin declares."""
@@ -159,26 +154,6 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             )
-
-
-@dataclass(frozen=True)
-class UnreadableDistribution:
-    """An installed distribution whose entry points cannot be read, so that none of them is used.
-
-    Attributes:
-        distribution: Its name.
-        version: Its version.
-        reason: What is wrong with its entry points.
-    """
-
-    distribution: str
-    version: str
-    reason: str
-
-    @property
-    def origin(self) -> str:
-        """Words for messages: name, version."""
-        return f"{self.distribution} {self.version}"
 
 
 def not_by_name(kind: Any) -> str:
@@ -292,20 +267,27 @@ def _as_type(value: Any, wanted: Any) -> Any:
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
-OURS = "ariac_score."
-"""Prefix of every entry-point group of this project."""
+
+class LocalFinder(Protocol):
+    """Finds plugins that no distribution installs; see `ariac_score.checks.local.LocalFiles`."""
+
+    def find(self, group: str, use: str, beside: Path | None) -> Plugin:
+        """The plugin that a rule set in a folder names."""
+        ...
 
 
 class Registry:
-    """The plugins installed here, by group and name."""
+    """The plugins installed here, by group and name.
 
-    def __init__(self) -> None:
+    Args:
+        local: Finds the files of code that the caller allows rule sets to name; by default none is allowed.
+    """
+
+    def __init__(self, local: LocalFinder | None = None) -> None:
+        self.local = local
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
-        for plugin in _installed():
-            known = self._providers.setdefault((plugin.group, plugin.name), [])
-            # An editable install found next to its own sources shows one distribution twice.
-            if all((p.distribution, p.target) != (plugin.distribution, plugin.target) for p in known):
-                known.append(plugin)
+        for point in installed_points():
+            self._providers.setdefault((point.group, point.name), []).append(Plugin(*astuple(point)))
 
     def groups(self) -> list[str]:
         """Every group of ours that something is installed in, sorted."""
@@ -323,13 +305,21 @@ class Registry:
         """Everything installed under a name: none, one, or several that contradict each other."""
         return list(self._providers.get((group, name), []))
 
-    def find(self, group: str, name: str) -> Plugin:
+    def find(self, group: str, name: str, *, beside: Path | None = None) -> Plugin:
         """The plugin of that name.
+
+        Args:
+            group: Entry-point group.
+            name: As installed; or a class in a file, where the registry allows files.
+            beside: Folder of the rule set that names it, which is where such a file lies.
 
         Raises:
             PluginNotFoundError: No installed distribution provides it.
             PluginConflictError: Two do, so neither may be used.
+            LocalPluginError: It is in a file that is not allowed here.
         """
+        if is_local(name):
+            return self._find_local(group, name, beside)
         providers = self._providers.get((group, name), [])
         if not providers:
             elsewhere = [g for g, n in self._providers if n == name]
@@ -342,71 +332,95 @@ class Registry:
                 hint=f"{hint}; otherwise install the distribution that brings it",
             )
         if len(providers) > 1:
-            both = " and ".join(f"{p.distribution} {p.version}" for p in providers)
-            raise PluginConflictError(
-                f"{name!r} is provided by {both}",
-                hint="uninstall one: sys.path order must not choose a referee",
-            )
+            raise _conflict(name, providers)
         return providers[0]
 
+    def _find_local(self, group: str, name: str, beside: Path | None) -> Plugin:
+        if name.startswith("notebook:"):
+            raise LocalPluginError(
+                f"{name!r} was a class in somebody's Python, and no file has it",
+                hint="give it again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
+            )
+        if self.local is None:
+            raise LocalPluginError(
+                f"{name!r} is code in a file, and the caller does not allow that",
+                hint="--local-plugins allows files beside your own rule set, where a command has it; a "
+                "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; all others "
+                "install plugins",
+            )
+        return self.local.find(group, name, beside)
 
-def _installed() -> Iterator[Plugin]:
-    """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
-    try:
-        everything = entry_points()
-        points = [
-            p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
-        ]
-    except Exception:  # noqa: BLE001  # one malformed entry_points.txt, of anybody, stops importlib
-        points = [p for _, found, _ in _each_distribution() for p in found if p.group.startswith(OURS)]
-    origins = cache(origin_of)  # one distribution has many entry points, and reading its metadata takes time
-    found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
-    yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
+    def files(self, group: str) -> list[DataFile]:
+        """Every file of a group, sorted by name; those of an entry point that leads nowhere are missing.
+
+        Args:
+            group: One of `FILE_GROUPS`.
+        """
+        found: list[DataFile] = []
+        for plugin in self.all(group):
+            with suppress(PluginError):  # the doctor names it
+                found += _files_of(plugin)
+        return sorted(found, key=lambda file: (file.name, file.plugin.distribution))
+
+    def file(self, group: str, name: str) -> DataFile:
+        """The file of that name.
+
+        Raises:
+            PluginNotFoundError: No installed distribution provides it.
+            PluginConflictError: Two do, so neither may be used.
+            PluginError: The entry point that would provide it leads nowhere.
+        """
+        # An entry point of a folder brings names that begin with its own.
+        may = [p for p in self.all(group) if f"{name}.".startswith(f"{p.name}.")]
+        found = [file for plugin in may for file in _files_of(plugin) if file.name == name]
+        if not found:
+            names = [file.name for file in self.files(group)]
+            raise PluginNotFoundError(
+                f"no installed distribution provides {name!r} ({group})",
+                hint=did_you_mean(name, names, what="installed") + unreadable_hint(),
+            )
+        if len(found) > 1:
+            raise _conflict(name, [file.plugin for file in found])
+        return found[0]
 
 
-def unreadable_distributions() -> list[UnreadableDistribution]:
-    """The installed distributions whose entry points cannot be read, sorted."""
-    found = [
-        UnreadableDistribution(*origin_of(one), f"its entry points cannot be read: {problem}")
-        for one, _, problem in _each_distribution()
-        if problem
-    ]
-    return sorted(found, key=lambda one: (one.distribution, one.version))
+@dataclass(frozen=True)
+class DataFile:
+    """A YAML file of an installed distribution.
+
+    Attributes:
+        name: By which people call it, such as `ariac2022.as_coded`.
+        path: Where it lies.
+        plugin: The entry point that brings it.
+    """
+
+    name: str
+    path: Path
+    plugin: Plugin
 
 
-def unreadable_hint() -> str:
-    """The end of a hint about a missing name: it may be in a distribution that cannot be read."""
-    words = "; ".join(f"{one.origin}: {one.reason}" for one in unreadable_distributions())
-    return f"; {words}" if words else ""
+def _files_of(plugin: Plugin) -> list[DataFile]:
+    """The file that an entry point names, or each file of the folder, in the order of their names."""
+    place = plugin.path()
+    if place.is_file():
+        return [DataFile(plugin.name, place, plugin)]
+    own = FILE_GROUPS[plugin.group]
+    others = {*FILE_GROUPS.values(), _CLASSES} - {own}  # a folder may hold a log map beside its rule sets
+    files = []
+    for path in sorted(place.rglob("*.yaml")):
+        *folders, stem = path.relative_to(place).with_suffix("").parts
+        if stem not in others:
+            inner = folders if stem == own else [*folders, stem]
+            files.append(DataFile(".".join([plugin.name, *inner]), path, plugin))
+    return files
 
 
-def _each_distribution() -> Iterator[tuple[Distribution, Sequence[EntryPoint], str]]:
-    """Each installed distribution with its entry points, or with the reason why they cannot be read."""
-    seen = set()
-    for one in distributions():
-        name, _ = origin_of(one)
-        if name in seen and name != "?":  # as for imports, the first one on `sys.path` counts
-            continue
-        seen.add(name)
-        try:
-            yield one, tuple(one.entry_points), ""
-        except Exception as cause:  # noqa: BLE001  # a stranger's text may break the parser in any way
-            yield one, (), f"{type(cause).__name__}: {cause}"
-
-
-def origin_of(distribution: Distribution | None) -> tuple[str, str]:
-    """Normalised name and version of a distribution; `?` where its metadata lack them."""
-    try:
-        metadata = distribution.metadata if distribution else None
-    # What Python makes of missing metadata depends on its version; a ValueError: they are not UTF-8.
-    except (TypeError, FileNotFoundError, ValueError):
-        metadata = None
-    if metadata is None:
-        return "?", "?"
-    stated = {key: metadata[key] for key in ("Name", "Version") if key in metadata}
-    name, version = stated.get("Name", "?"), stated.get("Version", "?")
-    # PEP 503: `Ariac_Score` and `ariac-score` are one distribution, and results compare names.
-    return re.sub(r"[-_.]+", "-", name).lower(), version
+def _conflict(name: str, providers: Sequence[Plugin]) -> PluginConflictError:
+    both = " and ".join(f"{p.distribution} {p.version}" for p in providers)
+    return PluginConflictError(
+        f"{name!r} is provided by {both}",
+        hint="uninstall one: sys.path order must not choose a referee",
+    )
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

@@ -7,15 +7,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.registry import Registry
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
-from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import orders_of
 from ariac_score.trial.vocabulary import QUANTITIES
 
 EXIT_DAMAGED = 6
@@ -35,13 +36,14 @@ def register(commands: Any) -> None:
         "--rules", default="", metavar="NAME", help="show which checks of this rule set could be decided"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_local_plugins(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe every part, then the trial as a whole."""
     style = style_for(sys.stdout)
-    registry = Registry()
+    registry = registry_of(arguments)
     bundle, readers = find_trial(arguments.path, registry)
     damaged = False
     for part in bundle.parts:
@@ -100,7 +102,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     except LogError as error:
         return ["", f"As a trial: {error} — {error.hint}"]
     lines = ["", f"Under log map {mapping.id}"]
-    for order in trial.orders:
+    for order in orders_of(trial):
         when = "unknown" if order.announced_s is None else f"{order.announced_s:.3f} s"
         tasks = ", ".join(f"{plain(t.id)} ({t.kind}, {len(t.products)} products)" for t in order.tasks)
         lines.append(f"  order {plain(order.id)}, priority {order.priority}, announced {when}: {tasks}")

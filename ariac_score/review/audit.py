@@ -34,10 +34,10 @@ from ariac_score.review.certainty import Certain, Value
 from ariac_score.review.comparison import Comparison, compare_rules, rule_sets_differing_from
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, number_of
-from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import RuleSet, installed_rule_sets, load_rule_set
 from ariac_score.scoring.scope import Level
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial
+from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial, orders_of
 
 __all__ = ["AGREE", "AUDIT", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
 
@@ -214,7 +214,7 @@ def audit(
     refuse_other_years(bundle, readers, rule_set)
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
-    items = _Items(rule_set.printed, trial.orders, ours, look.without_text(rule_set), official.source)
+    items = _Items(rule_set.printed, orders_of(trial), ours, look.without_text(rule_set), official.source)
     others = _others(against, rule_set)
     return Audit(
         trial.id,
@@ -239,8 +239,9 @@ def _others(against: str | RuleSet, first: RuleSet) -> tuple[RuleSet, ...]:
 
 def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialResult, str]:
     """The official result alone, and the layout it is printed in."""
-    for part in bundle.parts:
-        if part.role == "official":
+    # The log comes last: some competitions write their scores into the file that is their log.
+    for part in sorted(bundle.parts, key=lambda part: part.role != "official"):
+        if part.role in ("official", "log"):
             reader = readers[part.reader]
             # No log map: an official text has no signals.
             official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
@@ -259,7 +260,7 @@ def _block_of(official: OfficialResult) -> PrintedBlock:
     # Readers write the place of an item into its label: `shipment_0/completed`.
     values = {label: value for label, value in official.items.items() if "/" not in label}
     if official.total is not None:
-        values["final_score"] = f"{official.total:.12g}"
+        values.setdefault("final_score", f"{official.total:.12g}")
     return PrintedBlock("trial", "", values, inner=tuple(_order_block(order) for order in official.summaries))
 
 
@@ -310,7 +311,7 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
             "this record prints no score: it holds counts, out of which a score is worked out",
             hint="there is nothing to hold it against; 'score' and 'explain' show how it comes about",
         )
-    shipped = [load_rule_set(name) for name in rule_set_names()]
+    shipped = installed_rule_sets()
     fitting = [one for one in shipped if layout in one.printed.layouts]
     # Editions share layouts; the one that knows every printed label is meant, where it is one.
     fitting = [one for one in fitting if one.printed.knows(block)] or fitting
@@ -318,7 +319,7 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
         named = ", ".join(one.id for one in fitting) or ", ".join(
             one.id for one in shipped if one.printed.layouts
         )
-        cause = "the text may be of more than one edition" if fitting else "no shipped rule set is of it"
+        cause = "the text may be of more than one edition" if fitting else "no installed rule set is of it"
         raise UsageError(f"layout {layout!r}: {cause}", hint=f"choose with --rules: {named}")
     return fitting[0]
 

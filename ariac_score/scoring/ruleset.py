@@ -4,24 +4,38 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
 
-from ariac_score.checks.registry import Registry
-from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.checks.local import GivenPlugin
+from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
+from ariac_score.documents.given import path_of
+from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
-from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
+from ariac_score.errors import (
+    FormulaError,
+    PluginError,
+    PluginNotFoundError,
+    RuleSetError,
+    ScoreError,
+    UsageError,
+    did_you_mean,
+)
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
-from ariac_score.scoring.penalties import PREFIX, with_penalty
+from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.variation import given_monitor, set_number
 
 __all__ = [
     "Check",
@@ -31,6 +45,7 @@ __all__ = [
     "differences",
     "draft_rule_set",
     "expanded_yaml",
+    "installed_rule_sets",
     "load_rule_set",
     "rule_set_from_text",
     "rule_set_names",
@@ -43,19 +58,19 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
-_DEFAULT = "ruleset"
-_NOT_RULE_SETS = frozenset({"log_map"})
+GROUP = "ariac_score.rule_sets"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One use of a plugin in a rule set.
+    """One use of a plugin in a rule set: of a rule, a monitor, or the competition.
 
     Attributes:
         name: Its name in the rule set, which formulas use.
         use: Entry-point name of the plugin.
-        group: Entry-point group: rules or monitors.
+        group: Entry-point group: rules, monitors or competitions.
         parameters: Its `with:` block.
         on_inconclusive: What an undecided finding means for the score.
         place: Line and path of the check in its file, by parameter name.
@@ -120,11 +135,12 @@ class RuleSet:
         sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as in the file; empty when it does not say.
-        edition: Year of the competition; `None` when the file does not say.
-        printed: What the official text of the edition prints, and how it adds up.
+        competition: Whose work it judges, with the parameters of that; `None` when the file does not say.
+        printed: What the official text prints, and how it adds up.
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
+        given: The checks that were given in Python, by name.
     """
 
     id: str
@@ -139,11 +155,12 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
-    edition: int | None = None
+    competition: Check | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
+    given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
     def text(self) -> str:
@@ -161,6 +178,36 @@ class RuleSet:
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
         return judged or self.sheet.about_orders
 
+    @property
+    def folder(self) -> Path | None:
+        """Folder of its file; `None` for rules that lie in no file of their own, as those in a result."""
+        return Path(self.file).parent if self.file.endswith((".yaml", ".yml")) else None
+
+    def plugin(self, name: str, registry: Registry) -> Plugin:
+        """The plugin of a check: given in Python, in a file beside the rule set, or installed.
+
+        Raises:
+            PluginError: There is none, or it may not be used.
+        """
+        check = self.checks[name]
+        if name in self.given:
+            return self.given[name]
+        return registry.find(check.group, check.use, beside=self.folder)
+
+    def refuse_local(self, registry: Registry) -> None:
+        """Refuse checks in files that are not allowed or are other files, before any trial is read.
+
+        Raises:
+            LocalPluginError: Naming the file, and where the rule set names it.
+        """
+        for check in self.checks.values():
+            if is_local(check.use):
+                try:
+                    self.plugin(check.name, registry)
+                except PluginError as error:
+                    _locate(error, check, self.file)
+                    raise
+
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
 
@@ -168,48 +215,149 @@ class RuleSet:
             PluginNotFoundError: A plugin is not installed; the message names the check.
             RuleSetError: A plugin refuses its parameters.
         """
-        built: dict[str, Any] = {}
-        for check in self.checks.values():
-            try:
-                plugin = registry.find(check.group, check.use)
-                built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
-            except (PluginError, RuleSetError) as error:
-                raise self._located(error, check) from error
-        return built
+        return {
+            name: _built(check, self.file, partial(self.plugin, name, registry))
+            for name, check in self.checks.items()
+        }
 
-    def _located(self, error: ScoreError, check: Check) -> ScoreError:
-        error.file = self.file
-        error.place = error.place or check.place.get("use", check.name)
-        return error
+    def build_competition(self, registry: Registry) -> Any | None:
+        """The plugin of the competition it names, built with its parameters; `None` when it names none.
+
+        Raises:
+            PluginNotFoundError: It is not installed; the message says where it is named.
+            RuleSetError: It refuses its parameters.
+        """
+        named = self.competition
+        return _built(named, self.file, partial(registry.find, named.group, named.use)) if named else None
+
+    @property
+    def edition(self) -> Any:
+        """The parameter of that name; until readers ask the competition itself."""
+        return self.competition.parameters.get("edition") if self.competition else None
+
+    def with_parameters(self, values: Mapping[str, Any] = MappingProxyType({}), /, **more: Any) -> RuleSet:
+        """The rule set with other numbers, for a sweep.
+
+        Args:
+            values: New values by name: a parameter of the formulas, or `check.parameter` of a check, as
+                `sensitivity` names them.
+            more: Likewise, for names without a point.
+
+        Raises:
+            RuleSetError: There is no such name, or its value is of another kind.
+
+        >>> rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": 0.5})
+        >>> rules.checks["separation"].parameters["t1_s"]
+        0.5
+        """
+        if not isinstance(values, Mapping):
+            raise UsageError(
+                f"parameters are given by name, not as a {type(values).__name__}",
+                hint="write {'separation.t1_s': 0.5}",
+            )
+        data = deepcopy(dict(self.expanded))
+        for name, value in {**values, **more}.items():
+            one = self.given.get(str(name).partition(".")[0])
+            if one is not None and one.instance is not None:
+                raise RuleSetError(
+                    f"{name!r} is a number of an object that was given in Python",
+                    file=self.file,
+                    hint="give another object with 'with_monitor'",
+                )
+            set_number(data, name, value, file=self.file)
+        return self._again(data, self.given)
+
+    def with_score(self, formula: str) -> RuleSet:
+        """The rule set with another formula for the score, such as `task - 2 * count(near_miss)`.
+
+        Raises:
+            FormulaError: It cannot be parsed, or names something unknown.
+            RuleSetError: It is no text.
+
+        >>> load_rule_set("paper2020").with_score("task").expanded["score"]
+        'task'
+        """
+        return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
+
+    def with_monitor(self, name: str, monitor: object) -> RuleSet:
+        """The rule set with a monitor that is given in Python, in place of the check of that name, if any.
+
+        It keeps the contract of an installed one. A result names its class and the hash of the class's
+        text; where Python has no such text, or the object has more than its fields, `unverifiable`.
+
+        Args:
+            name: Of the check, as formulas name it.
+            monitor: A class, built with its defaults, or an object: `NearMiss(limit_m=0.5)`.
+
+        Raises:
+            RuleSetError: The name cannot be that of a check.
+            UsageError: It is no monitor.
+        """
+        plugin, parameters = given_monitor(monitor)
+        data = deepcopy(dict(self.expanded))
+        data.get("rules", {}).pop(name, None)
+        body = {"use": plugin.name, **({"with": parameters} if parameters else {})}
+        data["monitors"] = {**data.get("monitors", {}), name: body}
+        return self._again(data, {**self.given, name: plugin})
+
+    def _again(self, data: dict[str, Any], given: Mapping[str, GivenPlugin]) -> RuleSet:
+        """The rule set that other data make; its hash covers what it was made from, and what changed."""
+        document = YamlDocument(data, self.file, "", {})
+        validate(document, "ruleset", error=RuleSetError)
+        text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
+        sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
+        return replace(_parsed(replace(document, sha256=sha256)), given=given)
 
 
-def rule_set_names() -> list[str]:
-    """The shipped rule sets."""
-    return sorted(_shipped())
+def _built(check: Check, file: str, find: Callable[[], Plugin]) -> Any:
+    try:
+        return find().build(check.parameters, place=lambda name: check.place.get(name, name))
+    except (PluginError, RuleSetError) as error:
+        _locate(error, check, file)
+        raise
 
 
-def _shipped() -> dict[str, Path]:
-    shipped = {}
-    for name, path in shipped_rules().items():
-        edition, _, last = name.rpartition(".")
-        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
-            shipped[edition if last == _DEFAULT else name] = path
-    return shipped
+def _locate(error: ScoreError, check: Check, file: str) -> None:
+    """Say of an error about a check where the rule set names it."""
+    error.file = file
+    error.place = error.place or check.place.get("use", check.name)
 
 
-def load_rule_set(name: str) -> RuleSet:
-    """Load a shipped rule set by name, or one from a file by its path.
+def rule_set_names(registry: Registry | None = None) -> list[str]:
+    """The installed rule sets."""
+    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
+
+
+def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
+    """Every installed rule set that can be used; what is wrong with another one stops only what names it."""
+    found: list[RuleSet] = []
+    registry = registry or Registry()
+    for name in rule_set_names(registry):
+        with suppress(ScoreError):
+            found.append(load_rule_set(name, registry))
+    return found
+
+
+def load_rule_set(name: str | os.PathLike[str], registry: Registry | None = None) -> RuleSet:
+    """Load an installed rule set by name, or one from a file by its path.
 
     Args:
-        name: Such as `paper2020`, or a path ending in `.yaml`.
+        name: Such as `paper2020`, or a path: text ending in `.yaml`, or any `Path`.
+        registry: What is installed, where the caller has it already.
 
     Raises:
-        UsageError: There is no rule set of that name.
+        UsageError: There is no rule set of that name, or it is no name at all.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    registry = registry or Registry()
+    if isinstance(name, str):
+        path = _path_of(name, Path(), registry)
+    else:
+        path = path_of(name, "the name or path of a rule set")
+    return _parsed(with_penalty(_expanded(path, (), registry)))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -225,11 +373,54 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _from_text(text, file)
+    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
+
+
+def _with_competition(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            kept = {k: v for k, v in document.data.items() if k != key}
+            return replace(document, data={**kept, "competition": {"use": name, "with": {key: value}}})
+    return document
+
+
+def _refuse_its_parameters(document: YamlDocument) -> None:
+    """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
+
+    Raises:
+        RuleSetError: Naming the key and the line to write.
+    """
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            raise RuleSetError(
+                f"{key!r} is a parameter of the competition",
+                file=document.file,
+                place=document.place([key]),
+                hint=f"write 'competition: {{use: {name}, with: {{{key}: {value}}}}}'",
+            )
+
+
+def _unknown_keys(document: YamlDocument) -> dict[str, Any]:
+    data = document.data if isinstance(document.data, Mapping) else {}
+    return {str(key): value for key, value in data.items() if key not in schema("ruleset")["properties"]}
+
+
+def _competitions_with(parameter: str, registry: Registry) -> list[str]:
+    """The installed competitions that have a parameter of that name."""
+    return [plugin.name for plugin in registry.all(_COMPETITIONS) if parameter in _parameters_if_any(plugin)]
+
+
+def _parameters_if_any(plugin: Plugin) -> Mapping[str, Any]:
+    try:
+        return parameters_of(plugin.load())
+    except (PluginError, NameError, TypeError, AttributeError):  # broken: whoever uses it is told so
+        return {}
 
 
 def draft_rule_set(text: str, *, file: str) -> RuleSet:
@@ -244,6 +435,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
 
 def _from_text(text: str, file: str) -> YamlDocument:
     document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     return document
 
@@ -253,22 +445,23 @@ def expanded_yaml(rule_set: RuleSet) -> str:
     return rule_set.text
 
 
-def _path_of(name: str, folder: Path) -> Path:
+def _path_of(name: str, folder: Path, registry: Registry) -> Path:
     """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
         return folder / name
-    shipped = _shipped()
-    if name not in shipped:
+    try:
+        return registry.file(GROUP, name).path
+    except PluginNotFoundError:
+        known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
         raise UsageError(
-            f"there is no rule set {name!r}",
-            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
-        )
-    return shipped[name]
+            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+        ) from None
 
 
-def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
@@ -283,14 +476,31 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
             hint="one must stand alone",
         )
     try:
-        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+        base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
+    _refuse_local_of_elsewhere(base, document)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> None:
+    """Refuse to inherit a check in a file from another folder, for its name is relative to that folder."""
+    if Path(base.file).parent.resolve() == Path(document.file).parent.resolve():
+        return
+    for key in ("rules", "monitors"):
+        for name, body in base.data.get(key, {}).items():
+            replaced = any(name in document.data.get(own, {}) for own in ("rules", "monitors"))
+            if is_local(body["use"]) and not replaced:
+                raise RuleSetError(
+                    f"the check {name!r} that it inherits is in the file {body['use']!r} of another folder",
+                    file=document.file,
+                    place=document.place(["extends"]),
+                    hint="keep both rule sets in one folder, or grow the file: ariac-score new distribution",
+                )
 
 
 def _with_texts(document: YamlDocument) -> YamlDocument:
@@ -397,7 +607,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
-        edition=data.get("edition"),
+        competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
         ranges=_ranges(document, checks),
         breaks=data.get("breaks", {}),
@@ -419,6 +629,16 @@ def _checks(document: YamlDocument) -> dict[str, Check]:
                 )
             checks[name] = _check(document, key, name, body)
     return checks
+
+
+def _competition(document: YamlDocument) -> Check | None:
+    body = document.data.get("competition")
+    if body is None:
+        return None
+    parameters = body.get("with", {})
+    places = {name: document.place(["competition", "with", name]) for name in parameters}
+    places |= {"use": document.place(["competition", "use"]), "": document.place(["competition"])}
+    return Check("competition", body["use"], _COMPETITIONS, parameters, place=places)
 
 
 def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
