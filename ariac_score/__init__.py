@@ -1,6 +1,7 @@
 """ariac-score: task rules and safety monitors over a trial log, and one explained score.
 
-Everything public is importable from here; plugins import nothing else. Names are
+Everything public is importable from here; plugins import nothing else, but what helps
+authors of monitors (`ariac_score.monitors`) and of tests (`ariac_score.testing`). Names are
 loaded when first used, so that importing the package costs next to nothing.
 
 >>> import ariac_score
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         Wanted,
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
+    from ariac_score.checks.measures import Measure
     from ariac_score.checks.parameters import (
         ParameterFacts,
         Status,
@@ -151,6 +153,7 @@ _MODULE_OF = {
     "LogError": "ariac_score.errors",
     "LogMap": "ariac_score.trial.channels",
     "Margined": "ariac_score.checks.contracts",
+    "Measure": "ariac_score.checks.measures",
     "Measured": "ariac_score.results.result",
     "MissingSignalError": "ariac_score.errors",
     "ModelTrack": "ariac_score.trial.kits",
@@ -266,6 +269,7 @@ __all__ = [
     "LogError",
     "LogMap",
     "Margined",
+    "Measure",
     "Measured",
     "MissingSignalError",
     "ModelTrack",
