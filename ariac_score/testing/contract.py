@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
+from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
@@ -30,7 +31,6 @@ from ariac_score.testing.contract_check import (
     snapshot,
     undocumented,
 )
-from ariac_score.testing.margin_contract import margin_fault
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
@@ -357,7 +357,7 @@ class _Checked:
         )
         if list(map(_chart_marks, first)) != list(map(_chart_marks, second)):
             raise self.broken("gives other margins the second time")
-        fault = margin_fault(self.trial, self.needed(), self.findings, first)
+        fault = margin_breach(self.trial, self.needed(), self.findings, first)
         if fault:
             raise self.broken(fault)
 
@@ -388,7 +388,7 @@ class _Checked:
 
     def _checked(self, findings: list[Finding]) -> list[Finding]:
         """Findings of a watch after the same checks, order and rounding as those of any monitor."""
-        return self.ask(replace(self.trial, signals={}), _Replayed(findings))
+        return self.ask(self.trial, _Replayed(findings))
 
 
 def _chart_marks(chart: Chart) -> tuple[object, ...]:
