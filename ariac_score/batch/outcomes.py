@@ -209,7 +209,11 @@ class _Result1(_Result, tag="ariac-score/result/1"):
     pass
 
 
-_DECODER = msgspec.json.Decoder(_Result | _Result1 | OutcomeDocument)
+class _Result2(_Result, tag="ariac-score/result/2"):
+    pass
+
+
+_DECODER = msgspec.json.Decoder(_Result | _Result1 | _Result2 | OutcomeDocument)
 
 
 def summary_of(document: bytes) -> Summary:

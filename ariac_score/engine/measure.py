@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.findings import Finding, Verdict, canonical
+from ariac_score.checks.measures import measures_of
 from ariac_score.engine.ask import ask, charts_of
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import LogError
@@ -59,6 +60,9 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        measures={
+            name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
+        },
     )
 
 

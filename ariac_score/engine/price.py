@@ -89,6 +89,7 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
     findings: dict[str, Finding] = {}
     known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}
+    measures = {}
     for check in rule_set.checks.values():
         stored = stored_name(result, check)
         if stored is None:
@@ -102,9 +103,11 @@ def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = Non
             findings[f"{check.name}#{number}"] = finding
         if settings is not None and known is not None and stored in known:
             settings[check.name] = known[stored]
+        if stored in result.measured.measures:
+            measures[check.name] = result.measured.measures[stored]
     # The engine that prices may be another version than the one that measured; both are named.
     code = tuple(sorted({Code(*engine_code()), *result.provenance.code}))
     pinned = Pinned(rule_set.id, rule_set.sha256)
     provenance = replace(result.provenance, rule_set=pinned, code=code)
-    measured = replace(result.measured, findings=findings, settings=settings)
+    measured = replace(result.measured, findings=findings, settings=settings, measures=measures)
     return price_trial(measured, rule_set, provenance, cohort)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypedDict
 from msgspec import Meta, Struct
 
 from ariac_score.checks.findings import SIGNIFICANT_DIGITS, Finding, canonical, canonical_span, settled
+from ariac_score.checks.measures import Measure
 from ariac_score.errors import ResultError
 from ariac_score.results.sketch import Sketch
 from ariac_score.scoring.cohort import CohortValues
@@ -21,6 +22,7 @@ from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
 
 __all__ = [
+    "SEQUENCE",
     "SIGNIFICANT_DIGITS",
     "CheckUse",
     "Code",
@@ -36,6 +38,9 @@ __all__ = [
     "canonical",
     "settled",
 ]
+
+SEQUENCE, SLOPES = "sequence", "slopes"
+"""How a ledger was taken apart: products in written order, as up to `result/2`, or as docs/ledger.md says."""
 
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
@@ -145,6 +150,8 @@ class Measured:
         sketch: What a page draws of the trial; `None` where none was made. It has no influence on prices.
         settings: The settings of every check, by its name; `None` where none were kept. They have no
             influence on prices.
+        measures: Unit, role and best value of each quantity by check, as its plugin declares them: what a
+            ledger compares with. Empty in results of versions that kept none.
     """
 
     trial: str
@@ -161,6 +168,7 @@ class Measured:
     team: str = ""
     sketch: Sketch | None = None
     settings: Mapping[str, Settings] | None = None
+    measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -173,6 +181,13 @@ class Measured:
                 replace(c, rate_hz=canonical(c.rate_hz), largest_gap_s=canonical(c.largest_gap_s))
                 for c in self.coverage
             ),
+            "measures": {
+                check: {
+                    name: replace(one, best=None if one.best is None else canonical(one.best))
+                    for name, one in own.items()
+                }
+                for check, own in self.measures.items()
+            },
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
@@ -255,6 +270,8 @@ class Result:
         cohort: The values across teams it was priced with.
         missing: In words, what the score needs from all teams or what no record states.
         adjusted: The score after decisions of stewards; all the rest is the automatic result, untouched.
+        ledger_method: `slopes`, as docs/ledger.md says; `sequence` where the version that wrote it took
+            products apart factor by factor, in written order.
     """
 
     measured: Measured
@@ -273,6 +290,12 @@ class Result:
     cohort: CohortValues = field(default_factory=CohortValues)
     missing: str = ""
     adjusted: Adjusted | None = None
+    ledger_method: Annotated[str, Meta(pattern="^(sequence|slopes)$")] = SLOPES
+
+    @property
+    def is_former(self) -> bool:
+        """Whether the former method took its ledger apart."""
+        return self.ledger_method == SEQUENCE
 
     @property
     def automatic(self) -> Result:

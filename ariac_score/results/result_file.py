@@ -16,8 +16,8 @@ from ariac_score.checks.findings import POINTS
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.adjustments import apply, check_targets
 from ariac_score.results.codec import Format, as_text, encodable, plain
-from ariac_score.results.result import Measured, Result
-from ariac_score.scoring.ledger import reconcile
+from ariac_score.results.result import SEQUENCE, Measured, Result
+from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.steward import Adjusted
@@ -99,7 +99,7 @@ def _ends(span: Mapping[str, float] | None) -> list[float] | None:
     return None if span is None else [span["start_s"], span["end_s"]]
 
 
-# The version before --------------------------------------------------------------------
+# The versions before -------------------------------------------------------------------
 #
 # What it may hold is stated here as far as keys are renamed, moved or dropped: what comes under the new
 # name, or in the new place, would be replaced unseen. A key that is missing is named by `_from_1`.
@@ -279,11 +279,18 @@ def _priced(data: dict[str, Any], digits: int) -> dict[str, Any]:
     return data
 
 
+def _from_2(data: dict[str, Any]) -> dict[str, Any]:
+    """`result/2` as `result/3`: its ledger stays as the former method took it apart."""
+    if "ledger_method" in data or "measures" in data["measured"]:
+        raise ValueError("keys that `result/2` did not have")
+    return {**data, "ledger_method": SEQUENCE}
+
+
 RESULT = Format(
     "result",
-    2,
+    3,
     Result,
-    before={1: _from_1},
+    before={1: _from_1, 2: _from_2},
     shapes={1: _Result1},
     error=ResultError,
     made_by="'score --output-format json'",
@@ -345,7 +352,8 @@ def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
 def check_follows(result: Result) -> None:
     """Price the findings again by the rules in the result, and compare every line.
 
-    Decisions of stewards are applied again as well.
+    Decisions of stewards are applied again as well. Of a ledger that the former method took apart only
+    the sum is compared.
 
     Raises:
         ResultError: Score or ledger do not follow from the findings, or the adjusted
@@ -365,13 +373,20 @@ def check_follows(result: Result) -> None:
     except ScoreError as error:
         raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error
     again, stored = (
-        (each.ledger, each.task, each.status, each.missing, each.possible, each.assumptions)
-        for each in (priced, result)
+        (
+            *((_amount(e.ledger), _amount(e.task)) if result.is_former else (e.ledger, e.task)),
+            *(e.status, e.missing, e.possible, e.assumptions),
+        )
+        for e in (priced, result)
     )
     if (again, rule_set.digits) != (stored, result.digits):
         raise ResultError("its score does not follow from its findings", hint=hint)
     if result.adjusted is not None:
         _check_adjusted(result, result.adjusted, rule_set)
+
+
+def _amount(ledger: Ledger | None) -> Decimal | None:
+    return None if ledger is None else ledger.amount
 
 
 def _check_adjusted(result: Result, stored: Adjusted, rule_set: RuleSet) -> None:

@@ -106,6 +106,8 @@ def verify_result(
     steps = [Step("schema", OK, data["schema"])]
     steps.append(Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}"))
     steps += _follows(result)
+    if result.is_former:
+        steps.append(Step("ledger", NOTE, _FORMER))
     steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
     steps.append(_rules(result, given, required=bool(rules)))
@@ -121,6 +123,11 @@ def verify_result(
         steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
     return Verification(tuple(steps), result)
 
+
+_FORMER = (
+    "taken apart by the former method, factor by factor; score, task score, what was possible and "
+    "assumptions were compared exactly, its lines only with their sums"
+)
 
 # The result alone ----------------------------------------------------------------------
 
@@ -426,10 +433,12 @@ def _recomputed(stored: Result, again: Result) -> Step:
     words = (
         _listed(values, "in the result", "computed again")
         if values
-        else "the same score, ledger and findings"
+        else f"the same score, {'task score' if stored.is_former else 'ledger'} and findings"
         + ("; the result does not keep its settings" if stored.measured.settings is None else "")
     )
     versions = list(_versions(stored.provenance, again.provenance))
+    if stored.is_former and not values and not versions:
+        return Step("recomputed", NOTE, words)
     return Step("recomputed", FAILED, "\n".join([words, *versions]))
 
 
@@ -438,9 +447,17 @@ def _is_record(place: _Place, stored: Result) -> bool:
     # Without settings a result is of a version before they were kept, or they were removed from it.
     if place[:2] == ("measured", "settings"):
         return stored.measured.settings is None
+    if stored.is_former and _is_of_method(place):
+        return True
     # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
     is_unit = place[:2] == ("measured", "findings") and place[3:4] == ("units",)
     return place[:1] == ("provenance",) or is_unit
+
+
+def _is_of_method(place: _Place) -> bool:
+    """Whether a difference is about how the ledger is taken apart, and not about what it adds up to."""
+    inside = place[:1] in (("ledger",), ("task",)) and place[1:2] not in ((), ("amount",))
+    return inside or place == ("ledger_method",) or place[:2] == ("measured", "measures")
 
 
 def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:

@@ -676,7 +676,7 @@ def test_a_run_with_more_bytes_than_a_run_may_have_is_not_fetched(
     done = perform(RunTask("", "run", 1, f"{web.url}/run/"), setting)
 
     if spare_bytes == 0:
-        assert document(done)["schema"] == "ariac-score/result/2"
+        assert document(done)["schema"] == "ariac-score/result/3"
     else:
         found = document(done)
         assert (found["outcome"], done.address) == ("too_large", "")

@@ -398,7 +398,7 @@ def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
         if row["outcome"] == "scored"
     ]
     stored = out / line["object"]
-    newer = stored.read_bytes().replace(b'"ariac-score/result/2"', b'"ariac-score/result/3"')
+    newer = stored.read_bytes().replace(b'"ariac-score/result/3"', b'"ariac-score/result/4"')
     stored.write_bytes(newer)
     table = (out / "runs.jsonl").read_text(encoding="ascii")
     table = table.replace(line["sha256"], sha256(newer).hexdigest())

@@ -44,6 +44,49 @@ def test_a_result_is_read_verified_and_written_as_it_is_today(tmp_path: Path) ->
     assert outcomes(tmp_path / "r.json")["bytes"] == "ok"
 
 
+@pytest.mark.parametrize("name", ["example_2.json", "result_2.json", "adjusted_2.json"])
+def test_a_ledger_of_the_former_method_is_kept_and_only_its_sum_compared(name: str, tmp_path: Path) -> None:
+    stored = json.loads((BEFORE / name).read_text(encoding="utf-8"))
+    result = load_result(BEFORE / name)
+
+    assert stored["schema"] == "ariac-score/result/2"
+    assert result.ledger is not None
+    assert [line.path for line in result.ledger.children] == [
+        line["path"] for line in stored["ledger"]["children"]
+    ]
+    steps = outcomes(BEFORE / name)
+    assert set(steps.values()) == {"ok", "note"}
+    assert steps["ledger"] == "note"
+
+    (tmp_path / "r.json").write_text(as_json(result), encoding="utf-8")
+    assert load_result(tmp_path / "r.json") == result
+    again = outcomes(tmp_path / "r.json")
+    assert (again["bytes"], again["ledger"]) == ("ok", "note")
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "step", "cause"),
+    [
+        ('"possible": 36.000000', '"possible": 37.000000', "automatic", "does not follow from its findings"),
+        (
+            '"status": "scored"',
+            '"ledger_method": "slopes", "status": "scored"',
+            "schema",
+            "breaks the format",
+        ),
+    ],
+)
+def test_an_edited_result_of_the_former_method_is_found(
+    before: str, now: str, step: str, cause: str, tmp_path: Path
+) -> None:
+    text = (BEFORE / "example_2.json").read_text(encoding="utf-8")
+    assert before in text
+    (tmp_path / "r.json").write_text(text.replace(before, now), encoding="utf-8")
+
+    found = {s.name: s for s in verify_result(tmp_path / "r.json").steps}
+    assert (found[step].outcome, cause in found[step].words) == ("failed", True)
+
+
 def test_its_signature_still_verifies_and_an_edited_byte_is_found(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -234,7 +277,7 @@ def test_a_finished_batch_is_read_ranked_and_taken_up(
     assert main(["batch", cup, "-o", str(batch), "-j", "1"]) == 0
     ((row, document),) = checked_rows(batch)
     assert (row.key, row.outcome, row.task) == (("alpha", "kit", 1), "needs_cohort", 5.0)
-    assert b"ariac-score/result/2" in document
+    assert b"ariac-score/result/3" in document
     capsys.readouterr()
     assert main(["rank", cup, "--batch", str(batch), "--output-format", "json"]) == 0
     assert capsys.readouterr().out == ranked
