@@ -116,7 +116,11 @@ def _number(value: object) -> float | None:
 
 
 def _of_subject(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
-    if grounds.subjects is not None and finding.subject not in grounds.subjects:
+    if not finding.subject:
+        yield Breach("subject", "is empty")
+    # What is not decided may be about something that is looked for in vain, such as a body.
+    decided = finding.verdict in (Verdict.SATISFIED, Verdict.VIOLATED)
+    if decided and grounds.subjects is not None and finding.subject not in grounds.subjects:
         yield Breach(
             "subject",
             f"is {finding.subject!r}: no body or pair of bodies, item of work or signal of this trial, "
@@ -289,25 +293,19 @@ _JOINT = re.compile("::.*")
 class Subjects(Container[str]):
     """What a finding about a trial may be about.
 
-    The trial, the team; a body (or a link of one) and several of them, `robot/human`; an item of work, by its path;
-    a signal, also one that is missing; what an event names; a word that the check declares in `subjects`.
+    The trial, the team; a body (or a link of one) and several of them, `robot/human`; an item of work, by
+    its path; a signal; what an event names; a word that the check declares in `subjects`.
     """
 
-    def __init__(self, trial: Trial, needed: Collection[str] = (), own: Collection[str] = ()) -> None:
-        self._trial, self._needed, self._own = trial, needed, own
+    def __init__(self, trial: Trial, own: Collection[str] = ()) -> None:
+        self._trial, self._own = trial, own
         self._known: frozenset[str] | None = None
 
     def __contains__(self, subject: object) -> bool:
         if not isinstance(subject, str) or not subject:
             return False
         known = self._all()
-        if (
-            subject in known
-            or quantity_of(subject) in (self._needed or ())
-            or quantity_of(subject) in QUANTITIES
-        ):
-            return True
-        return all(_JOINT.sub("", part) in known for part in subject.split("/"))
+        return subject in known or all(_JOINT.sub("", part) in known for part in subject.split("/"))
 
     def _all(self) -> frozenset[str]:
         if self._known is None:

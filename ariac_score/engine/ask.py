@@ -148,9 +148,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
         ) from cause
     if measures is not None:
         _refuse_measures(plugin, name, measures, units)
-    return Grounds(
-        measures, watched_in(trial), Subjects(trial, needed, subjects), signals, units, needed, forgives
-    )
+    return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
 
 
 def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection[str]) -> None:
