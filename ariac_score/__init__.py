@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         Wanted,
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
+    from ariac_score.checks.measures import Measure
     from ariac_score.checks.parameters import (
         ParameterFacts,
         Status,
@@ -144,6 +145,7 @@ _MODULE_OF = {
     "LogError": "ariac_score.errors",
     "LogMap": "ariac_score.trial.channels",
     "Margined": "ariac_score.checks.contracts",
+    "Measure": "ariac_score.checks.measures",
     "Measured": "ariac_score.results.result",
     "MissingSignalError": "ariac_score.errors",
     "ModelTrack": "ariac_score.trial.kits",
@@ -256,6 +258,7 @@ __all__ = [
     "LogError",
     "LogMap",
     "Margined",
+    "Measure",
     "Measured",
     "MissingSignalError",
     "ModelTrack",

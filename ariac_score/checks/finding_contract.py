@@ -11,6 +11,7 @@ import re
 from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -92,22 +93,24 @@ def _breaches(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
 
 def _of_kind(finding: Finding) -> Iterator[Breach]:
     """Python does not hold a dataclass to its annotations, and a result is written from them."""
+    critical: Any = finding.critical
+    labels: Mapping[Any, Any] = finding.labels
     for name in ("message", "unit", "clause"):
         value = getattr(finding, name)
         if not isinstance(value, str):
             yield Breach(name, f"is {value!r}, which is no text")
     if not finding.message:
         yield Breach("message", "is empty, and nobody could read what was found")
-    if not isinstance(finding.critical, bool):
-        yield Breach("critical", f"is {finding.critical!r}, neither True nor False")
-    for name, word in finding.labels.items():
+    if not isinstance(critical, bool):
+        yield Breach("critical", f"is {critical!r}, neither True nor False")
+    for name, word in labels.items():
         if not (isinstance(name, str) and isinstance(word, str)):
             yield Breach(f"labels.{name}", f"is {word!r}, which is no text")
 
 
-def _number(value: object) -> float | None:
+def _number(value: Any) -> float | None:
     """A finite number; `None` for anything else, truth values included."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         return None
     return float(value)
 
@@ -129,7 +132,7 @@ def _of_subject(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
 
 
 def _of_span(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
-    span = finding.span
+    span: Any = finding.span
     if span is None:
         return
     if not isinstance(span, Span):
@@ -147,7 +150,9 @@ def _of_span(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
 
 def _outside(name: str, times_s: Sequence[float], grounds: Grounds) -> Iterator[Breach]:
     watched = grounds.watched
-    for t_s in times_s if watched is not None else ():
+    if watched is None:
+        return
+    for t_s in times_s:
         # Stamps are rounded where they are shifted, added up or stored.
         tolerance_s = 1e-9 + 1e-11 * abs(t_s)
         if not watched.start_s - tolerance_s <= t_s <= watched.end_s + tolerance_s:
@@ -194,7 +199,8 @@ def _unknown(name: str, unit: str, grounds: Grounds) -> Breach:
 
 
 def _of_quantities(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
-    for name, value in finding.quantities.items():
+    quantities: Mapping[Any, Any] = finding.quantities
+    for name, value in quantities.items():
         place = f"quantities.{name}"
         number = _number(value)
         if not isinstance(name, str):
@@ -237,7 +243,8 @@ def _is_unsigned(unit: str, measure: Measure | None) -> bool:
 
 
 def _of_evidence(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
-    for number, sample in enumerate(finding.evidence, start=1):
+    evidence: Sequence[Any] = finding.evidence
+    for number, sample in enumerate(evidence, start=1):
         place = f"evidence {number}"
         if not isinstance(sample, Sample):
             yield Breach(place, f"is {sample!r}, which is no Sample")
