@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         UsageError,
         did_you_mean,
     )
+    from ariac_score.logs.logmap import load_log_map
     from ariac_score.logs.messages import RecordedMessage, read_messages
     from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
@@ -80,7 +81,6 @@ if TYPE_CHECKING:
         Event,
     )
     from ariac_score.trial.kits import ModelTrack
-    from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
         FaultMarks,
@@ -109,8 +109,13 @@ if TYPE_CHECKING:
     )
     from ariac_score.trial.sums import exact_sum
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
+    from ariac_score.trial.work import Fact, Item, WorkItem, number_of_fact
 
 _MODULE_OF = {
+    "number_of_fact": "ariac_score.trial.work",
+    "WorkItem": "ariac_score.trial.work",
+    "Item": "ariac_score.trial.work",
+    "Fact": "ariac_score.trial.work",
     "ARM_COLLISION": "ariac_score.trial.events",
     "Alignment": "ariac_score.trial.arrivals",
     "Arrivals": "ariac_score.trial.arrivals",
@@ -202,7 +207,7 @@ _MODULE_OF = {
     "episodes_where": "ariac_score.trial.spans",
     "exact_sum": "ariac_score.trial.sums",
     "load_cohort": "ariac_score.results.cohort_file",
-    "load_log_map": "ariac_score.trial.logmap",
+    "load_log_map": "ariac_score.logs.logmap",
     "load_result": "ariac_score.results.result_file",
     "load_rule_set": "ariac_score.scoring.ruleset",
     "load_yaml": "ariac_score.documents.yaml",
@@ -243,11 +248,13 @@ __all__ = [
     "EventMonitor",
     "EventWatch",
     "Expression",
+    "Fact",
     "FaultMarks",
     "Finding",
     "FloatArray",
     "FormulaError",
     "InstantVerdict",
+    "Item",
     "Kit",
     "KitMap",
     "KitRecord",
@@ -302,6 +309,7 @@ __all__ = [
     "Verdict",
     "Wanted",
     "WantedProduct",
+    "WorkItem",
     "YamlDocument",
     "add_up",
     "align",
@@ -316,6 +324,7 @@ __all__ = [
     "load_rule_set",
     "load_yaml",
     "measure_trial",
+    "number_of_fact",
     "parameter",
     "parameter_facts",
     "plain",

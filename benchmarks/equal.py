@@ -228,7 +228,7 @@ def trial_log(trial: Any) -> str:
 
 
 def timed(trial: Any) -> Iterator[dict[str, Any]]:
-    for order in trial.orders:
+    for order in getattr(trial, "work", None) or trial.orders:
         fields = {"id": order.id, "priority": order.priority, "tasks": [*map(task_record, order.tasks)]}
         updates = {"updates": order.updates} if order.updates else {}
         yield {"record": "order", "t_s": order.announced_s, **fields, **updates}

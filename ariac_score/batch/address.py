@@ -35,13 +35,17 @@ MOST_ENTRIES = 100_000
 
 
 def basis_of(prepared: Prepared) -> str:
-    """Hash of everything but the run that a measurement depends on: checks, log map, edition, code.
+    """Hash of everything but the run that a measurement depends on: checks, log map, competition, code.
 
     Prices are not in it: when only they change, measurements stay valid.
     """
     rule_set = prepared.rule_set
-    checks = [[check.name, check.use, dict(check.parameters)] for check in rule_set.checks.values()]
-    return _hash([_SCHEMA, rule_set.edition, prepared.log_map.sha256, checks, code_of(prepared)])
+    named = [rule_set.competition] if rule_set.competition else []
+    competition, checks = (
+        [[check.name, check.use, dict(check.parameters)] for check in checks]
+        for checks in (named, rule_set.checks.values())
+    )
+    return _hash([_SCHEMA, competition, prepared.log_map.sha256, checks, code_of(prepared)])
 
 
 def measuring_address(task: RunTask, contents: str, basis: str) -> str:

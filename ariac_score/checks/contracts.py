@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.channels import KitMap, LogMap
@@ -69,15 +69,18 @@ class SignalNeed:
 
 @runtime_checkable
 class Rule(Protocol):
-    """Judges an order: entry-point group `ariac_score.rules`.
+    """Judges a work item: entry-point group `ariac_score.rules`.
+
+    It is asked about every outermost item, or about those of the level that a class attribute
+    `level` names. It may name the competition's own class of items as the type of `item`.
 
     A rule that rests on the official result alone says so with a class attribute
-    `reads_official = True`; only such rules judge an order of which nothing but its
-    official score is known (`Order.outline`).
+    `reads_official = True`; only such rules judge an item of which nothing but its
+    official score is known (it has an attribute `outline` that is true).
     """
 
-    def judge(self, trial: Trial, order: Order) -> Iterable[Finding]:
-        """Findings about one order; at least one, for silence is not a verdict."""
+    def judge(self, trial: Trial, item: Any, /) -> Iterable[Finding]:
+        """Findings about one item; at least one, for silence is not a verdict."""
         ...
 
 

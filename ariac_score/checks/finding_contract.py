@@ -23,6 +23,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
+from ariac_score.trial.work import WorkItem, announced_s
 
 __all__ = ["Breach", "Grounds", "Subjects", "breach_of", "margin_breach", "shown", "watched_in"]
 
@@ -289,7 +290,7 @@ def watched_in(trial: Trial) -> Span | None:
     times_s = [end for span in spans for end in (span.start_s, span.end_s)]
     times_s += [event.t_s for event in trial.events]
     times_s += [submission.submitted_s for submission in trial.submissions]
-    times_s += [order.announced_s for order in trial.orders if order.announced_s is not None]
+    times_s += [t_s for item in trial.work if (t_s := announced_s(item)) is not None]
     return Span(min(times_s), max(times_s)) if times_s else None
 
 
@@ -322,19 +323,17 @@ class Subjects(Container[str]):
                 names |= {_JOINT.sub("", part) for part in subject_of(signal).split("/")}
             for event in trial.events:
                 names |= {event.subject, event.detail}
-            names |= {submission.task_id for submission in trial.submissions}
-            names |= set(_paths(trial))
+            names |= set(_paths(trial.work, ""))
             self._known = frozenset(names - {""})
         return self._known
 
 
-def _paths(trial: Trial) -> Iterator[str]:
+def _paths(items: Sequence[WorkItem], within: str) -> Iterator[str]:
     """The path of every item of work."""
-    for order in trial.orders:
-        yield order.id
-        for task in order.tasks:
-            yield f"{order.id}/{task.id}"
-            yield from (f"{order.id}/{task.id}/{wanted.slot}" for wanted in task.products)
+    for item in items:
+        path = f"{within}{item.id}"
+        yield path
+        yield from _paths(item.items, f"{path}/")
 
 
 # Margins at every sample ---------------------------------------------------------------

@@ -12,10 +12,11 @@ from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
-from ariac_score.trial.logmap import load_log_map
+from ariac_score.trial.model import orders_of
 from ariac_score.trial.vocabulary import QUANTITIES
 
 EXIT_DAMAGED = 6
@@ -100,7 +101,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     except LogError as error:
         return ["", f"As a trial: {error} — {error.hint}"]
     lines = ["", f"Under log map {mapping.id}"]
-    for order in trial.orders:
+    for order in orders_of(trial):
         when = "unknown" if order.announced_s is None else f"{order.announced_s:.3f} s"
         tasks = ", ".join(f"{plain(t.id)} ({t.kind}, {len(t.products)} products)" for t in order.tasks)
         lines.append(f"  order {plain(order.id)}, priority {order.priority}, announced {when}: {tasks}")

@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Charting, Margined, Monitor, Rule
 from ariac_score.checks.finding_contract import Grounds, Subjects, breach_of, shown, watched_in
 from ariac_score.checks.findings import Finding, settled
@@ -18,9 +17,11 @@ from ariac_score.checks.registry import Plugin
 from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import MissingSignalError, PluginError
+from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.work import items_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
@@ -71,7 +72,7 @@ def ask(
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
-                findings.append(_kept(plugin, name, finding, len(findings) + 1, grounds))
+                findings.append(finding)
         except MissingSignalError as missing:
             findings.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
         except PluginError:
@@ -89,6 +90,7 @@ def ask(
         raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
+    findings = [_kept(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     units = _units(plugin, name, findings)
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
     return sorted((_stored(plugin, name, finding, units) for finding in findings), key=_order_of_findings)
@@ -200,7 +202,7 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
-    small = (trial.orders, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
+    small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
     same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
     arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
     try:
@@ -221,17 +223,19 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
     """The findings of a rule about each order, or of a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
         yield from _not_none(check.watch(trial))
-    elif not trial.orders:
+        return
+    items = list(items_at(trial.work, getattr(check, "level", "")))
+    if not items:
         yield Finding.not_applicable("trial", "no order was announced")
-    for order in trial.orders if plugin.group == "ariac_score.rules" else ():
-        if order.outline and not getattr(check, "reads_official", False):
+    for order in items:
+        if getattr(order, "outline", False) and not getattr(check, "reads_official", False):
             yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
             continue
         spoken = False
         for finding in _not_none(check.judge(trial, order)):
             spoken = True
             yield finding
-        if not spoken and not order.tasks:
+        if not spoken and not order.items:
             yield Finding.not_applicable(order.id, "the order asks for nothing")
         elif not spoken:
             raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.findings import Finding, Verdict, canonical
@@ -20,6 +22,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span, longest_silence_s
 from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.work import Fact, WorkItem, announced_s
 
 __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
 
@@ -52,7 +55,7 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         findings=findings,
         scopes=_scopes(trial),
         window=trial.window,
-        orders={order.id: order.announced_s for order in trial.orders},
+        orders={item.id: announced_s(item) for item in trial.work},
         coverage=tuple(_coverage(signal, trial.window) for signal in trial.signals.values()),
         log_defects=trial.log_defects,
         unrecorded=trial.unrecorded,
@@ -86,10 +89,14 @@ def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
 def needs_alike(first: Prepared, second: Prepared) -> bool:
     """Whether two rule sets read the same trial from the same files, so that findings hold for both."""
     return (
-        first.rule_set.edition == second.rule_set.edition
+        _named(first.rule_set.competition) == _named(second.rule_set.competition)
         and first.log_map.sha256 == second.log_map.sha256
         and list(dict.fromkeys(first.needs)) == list(dict.fromkeys(second.needs))
     )
+
+
+def _named(competition: Check | None) -> tuple[str, Mapping[str, Any]] | None:
+    return None if competition is None else (competition.use, competition.parameters)
 
 
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
@@ -130,35 +137,31 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
 
 
 def _scopes(trial: Trial) -> Scope:
-    orders, index = [], _announced_as(trial)
-    for order in trial.orders:
-        tasks = []
-        for task in order.tasks:
-            path = f"{order.id}/{task.id}"
-            parts = tuple(Scope("part", f"{path}/{wanted.slot}") for wanted in task.products)
-            tasks.append(Scope("submission", path, {"parts": len(parts)}, parts))
-        facts: dict[str, float] = {
-            "index": index[order.id],
-            "parts": sum(len(task.products) for task in order.tasks),
-        }
-        if order.priority_said:  # else unknown: a formula that names it then has no value, not a default
-            facts["priority"] = order.priority
-        orders.append(Scope("order", order.id, facts, tuple(tasks)))
-    whole: dict[str, float] = {"duration_s": canonical(trial.duration_s), "orders": len(orders)}
-    return Scope("trial", "", whole, tuple(orders))
+    index = _announced_as(trial)
+    outermost = tuple(_scope(item, "", {"index": index[item.id]}) for item in trial.work)
+    whole: dict[str, Fact] = {"duration_s": canonical(trial.duration_s), "orders": len(outermost)}
+    return Scope("trial", "", whole, outermost)
+
+
+def _scope(item: WorkItem, inside: str, facts: Mapping[str, Fact] = MappingProxyType({})) -> Scope:
+    """The scope of an item, with those of the items inside it."""
+    path = f"{inside}/{item.id}" if inside else item.id
+    return Scope(
+        item.level, path, {**item.facts, **facts}, tuple(_scope(inner, path) for inner in item.items)
+    )
 
 
 def _announced_as(trial: Trial) -> dict[str, int]:
-    """The place of each order by first announcement, by id: 0 for the first one.
+    """The place of each outermost item by first announcement, by id: 0 for the first one.
 
     Those that were never announced come after the others. Where no times are known, and
     among equals, the order of the log or the configuration counts.
     """
-    # The event counts before `announced_s`, which an update of the order may have moved.
+    # The event counts before `announced_s`, which an update of the item may have moved.
     first_s: dict[str, float] = {}
     for event in trial.events_of(ORDER_ANNOUNCED):
         first_s.setdefault(event.subject, event.t_s)
-    times = {order.id: first_s.get(order.id, order.announced_s) for order in trial.orders}
+    times = {item.id: first_s.get(item.id, announced_s(item)) for item in trial.work}
     announced = sorted((time_s, place) for place, time_s in enumerate(times.values()) if time_s is not None)
     never = [place for place, time_s in enumerate(times.values()) if time_s is None]
     names = list(times)

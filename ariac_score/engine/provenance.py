@@ -61,7 +61,7 @@ def provenance_of(
         competitions: The competitions that named defects of the trial.
     """
     rule_set, log_map, registry = prepared.rule_set, prepared.log_map, prepared.registry
-    plugins = [*(each.plugin for each in prepared.checks.values()), *competitions]
+    plugins = [*prepared.plugins, *competitions]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
         registry.find("ariac_score.decoders", channel.decoder)
@@ -88,7 +88,7 @@ def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     That is the engine, the plugins of the checks, and every reader, decoder, kit finder and
     competition: which of them take part is known only when the log is read.
     """
-    certain = {_package(each.plugin) for each in prepared.checks.values()}
+    certain = {_package(plugin) for plugin in prepared.plugins}
     possible = {_package(p) for group in _PERHAPS for p in prepared.registry.all(group)} - certain
     found = {engine_code(), *((*package, package_sha256(package[2])) for package in certain)}
     for package in possible:

@@ -23,7 +23,7 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.kits import with_contents
-from ariac_score.trial.model import LogDefect, TeamSetup, Trial
+from ariac_score.trial.model import LogDefect, TeamSetup, Trial, orders_of
 
 __all__ = [
     "find_trial",
@@ -107,7 +107,7 @@ def with_unknown_products(
 def _unknown_products(plugin: Plugin, trial: Trial, edition: int) -> tuple[LogDefect, ...]:
     competition: Competition = plugin.build({})
     try:
-        return tuple(competition.unknown_products(trial.orders, edition))
+        return tuple(competition.unknown_products(orders_of(trial), edition))
     except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
 
@@ -177,7 +177,7 @@ def read_trial(
         trials.append(readers[part.reader].read(part.path, wanted))
     trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
     # Before the orders are missed: a run that crashed has none, and a ranking counts it as 0.
-    if not trial.orders and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
+    if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
         raise RunEndedError(
             ENDED_WITHOUT_SCORE[trial.official.outcome],
             outcome=trial.official.outcome,
@@ -186,7 +186,7 @@ def read_trial(
         )
     # After merging: submissions may come from one log and the poses of what lay on trays from another.
     trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
-    if orders and not trial.orders:
+    if orders and not trial.work:
         raise NothingToScoreError(
             "no order was found",
             file=bundle.root,

@@ -32,6 +32,7 @@ from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
 from ariac_score.trial.events import TIMED_EVENTS
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
+from ariac_score.trial.work import at_times
 
 __all__ = [
     "MAX_LINE_BYTES",
@@ -451,8 +452,8 @@ class _Intake:
         clock.collector.settle(other, 0)
         end_s = 0.0 if builder.recorded is None else builder.recorded.end_s
         untimed = other.build()
-        for order in untimed.orders:
-            builder.add(replace(order, announced_s=None))
+        for item in at_times(untimed.work, lambda _t_s: None):
+            builder.add(item)
         for submission in untimed.submissions:
             builder.add(replace(submission, submitted_s=end_s))
         for event in untimed.events:
@@ -480,7 +481,7 @@ def _timeless(trial: Trial) -> Trial:
     """A log without any time: orders and submissions, but nothing that happened in between."""
     return replace(
         trial,
-        orders=tuple(replace(order, announced_s=None) for order in trial.orders),
+        work=at_times(trial.work, lambda _t_s: None),
         events=tuple(event for event in trial.events if event.kind not in TIMED_EVENTS),
         signals={},
         recorded=None,

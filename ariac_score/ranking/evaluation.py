@@ -17,6 +17,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogError
 from ariac_score.ranking.competition import Competition, TrialPlan
 from ariac_score.trial.channels import LogMap
+from ariac_score.trial.model import orders_of
 
 __all__ = [
     "GROUP",
@@ -182,5 +183,6 @@ def _planned(
     if reader is None:
         raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")
     return [
-        OrderPlan(order.id, order.priority > 1) for order in reader.read(trial.config, Wanted(log_map)).orders
+        OrderPlan(order.id, order.priority > 1)
+        for order in orders_of(reader.read(trial.config, Wanted(log_map)))
     ]

@@ -126,7 +126,7 @@ class Settings:
 
 
 def _settled_scope(scope: Scope) -> Scope:
-    facts = {k: v if isinstance(v, int) else canonical(v) for k, v in scope.facts.items()}
+    facts = {k: canonical(v) if isinstance(v, float) else v for k, v in scope.facts.items()}
     return replace(scope, facts=facts, inner=tuple(_settled_scope(inner) for inner in scope.inner))
 
 

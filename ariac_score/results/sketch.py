@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ariac_score.trial.chart import Chart
-from ariac_score.trial.model import Trial
+from ariac_score.trial.model import Trial, orders_of
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, distinct
 
@@ -224,7 +224,7 @@ def sketch_of(
                 task.station,
                 tuple(OrderedPart(part.slot, part.type, part.quadrant) for part in task.products),
             )
-            for order in trial.orders
+            for order in orders_of(trial)
             for task in order.tasks
         ),
         brought=tuple(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -12,13 +13,21 @@ from typing import Any
 
 import yaml
 
-from ariac_score.checks.registry import Registry
-from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.checks.registry import Plugin, Registry, parameters_of
+from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
-from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, UsageError, did_you_mean
+from ariac_score.errors import (
+    FormulaError,
+    PluginError,
+    PluginNotFoundError,
+    RuleSetError,
+    ScoreError,
+    UsageError,
+    did_you_mean,
+)
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
-from ariac_score.scoring.penalties import PREFIX, with_penalty
+from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
@@ -31,6 +40,7 @@ __all__ = [
     "differences",
     "draft_rule_set",
     "expanded_yaml",
+    "installed_rule_sets",
     "load_rule_set",
     "rule_set_from_text",
     "rule_set_names",
@@ -43,19 +53,19 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
-_DEFAULT = "ruleset"
-_NOT_RULE_SETS = frozenset({"log_map"})
+GROUP = "ariac_score.rule_sets"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One use of a plugin in a rule set.
+    """One use of a plugin in a rule set: of a rule, a monitor, or the competition.
 
     Attributes:
         name: Its name in the rule set, which formulas use.
         use: Entry-point name of the plugin.
-        group: Entry-point group: rules or monitors.
+        group: Entry-point group: rules, monitors or competitions.
         parameters: Its `with:` block.
         on_inconclusive: What an undecided finding means for the score.
         place: Line and path of the check in its file, by parameter name.
@@ -120,8 +130,8 @@ class RuleSet:
         sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as in the file; empty when it does not say.
-        edition: Year of the competition; `None` when the file does not say.
-        printed: What the official text of the edition prints, and how it adds up.
+        competition: Whose work it judges, with the parameters of that; `None` when the file does not say.
+        printed: What the official text prints, and how it adds up.
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
@@ -139,7 +149,7 @@ class RuleSet:
     sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
-    edition: int | None = None
+    competition: Check | None = None
     printed: PrintedText = field(default_factory=PrintedText)
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -168,48 +178,64 @@ class RuleSet:
             PluginNotFoundError: A plugin is not installed; the message names the check.
             RuleSetError: A plugin refuses its parameters.
         """
-        built: dict[str, Any] = {}
-        for check in self.checks.values():
-            try:
-                plugin = registry.find(check.group, check.use)
-                built[check.name] = plugin.build(check.parameters, place=lambda p, c=check: c.place.get(p, p))  # type: ignore[misc]
-            except (PluginError, RuleSetError) as error:
-                raise self._located(error, check) from error
-        return built
+        return {check.name: _built(check, registry, self.file) for check in self.checks.values()}
 
-    def _located(self, error: ScoreError, check: Check) -> ScoreError:
-        error.file = self.file
+    def build_competition(self, registry: Registry) -> Any | None:
+        """The plugin of the competition it names, built with its parameters; `None` when it names none.
+
+        Raises:
+            PluginNotFoundError: It is not installed; the message says where it is named.
+            RuleSetError: It refuses its parameters.
+        """
+        return _built(self.competition, registry, self.file) if self.competition else None
+
+    @property
+    def edition(self) -> Any:
+        """The parameter of that name; until readers ask the competition itself."""
+        return self.competition.parameters.get("edition") if self.competition else None
+
+
+def _built(check: Check, registry: Registry, file: str) -> Any:
+    try:
+        plugin = registry.find(check.group, check.use)
+        return plugin.build(check.parameters, place=lambda name: check.place.get(name, name))
+    except (PluginError, RuleSetError) as error:
+        error.file = file
         error.place = error.place or check.place.get("use", check.name)
-        return error
+        raise
 
 
-def rule_set_names() -> list[str]:
-    """The shipped rule sets."""
-    return sorted(_shipped())
+def rule_set_names(registry: Registry | None = None) -> list[str]:
+    """The installed rule sets."""
+    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
 
 
-def _shipped() -> dict[str, Path]:
-    shipped = {}
-    for name, path in shipped_rules().items():
-        edition, _, last = name.rpartition(".")
-        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
-            shipped[edition if last == _DEFAULT else name] = path
-    return shipped
+def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
+    """Every installed rule set that can be used; what is wrong with another one stops only what names it."""
+    found: list[RuleSet] = []
+    registry = registry or Registry()
+    for name in rule_set_names(registry):
+        with suppress(ScoreError):
+            found.append(load_rule_set(name, registry))
+    return found
 
 
-def load_rule_set(name: str) -> RuleSet:
-    """Load a shipped rule set by name, or one from a file by its path.
+def load_rule_set(name: str, registry: Registry | None = None) -> RuleSet:
+    """Load an installed rule set by name, or one from a file by its path.
 
     Args:
         name: Such as `paper2020`, or a path ending in `.yaml`.
+        registry: What is installed, where the caller has it already.
 
     Raises:
         UsageError: There is no rule set of that name.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    registry = registry or Registry()
+    return _parsed(with_penalty(_expanded(_path_of(name, Path(), registry), (), registry)))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -225,11 +251,54 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _from_text(text, file)
+    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
+
+
+def _with_competition(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            kept = {k: v for k, v in document.data.items() if k != key}
+            return replace(document, data={**kept, "competition": {"use": name, "with": {key: value}}})
+    return document
+
+
+def _refuse_its_parameters(document: YamlDocument) -> None:
+    """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
+
+    Raises:
+        RuleSetError: Naming the key and the line to write.
+    """
+    for key, value in _unknown_keys(document).items():
+        for name in _competitions_with(key, Registry()):
+            raise RuleSetError(
+                f"{key!r} is a parameter of the competition",
+                file=document.file,
+                place=document.place([key]),
+                hint=f"write 'competition: {{use: {name}, with: {{{key}: {value}}}}}'",
+            )
+
+
+def _unknown_keys(document: YamlDocument) -> dict[str, Any]:
+    data = document.data if isinstance(document.data, Mapping) else {}
+    return {str(key): value for key, value in data.items() if key not in schema("ruleset")["properties"]}
+
+
+def _competitions_with(parameter: str, registry: Registry) -> list[str]:
+    """The installed competitions that have a parameter of that name."""
+    return [plugin.name for plugin in registry.all(_COMPETITIONS) if parameter in _parameters_if_any(plugin)]
+
+
+def _parameters_if_any(plugin: Plugin) -> Mapping[str, Any]:
+    try:
+        return parameters_of(plugin.load())
+    except (PluginError, NameError, TypeError, AttributeError):  # broken: whoever uses it is told so
+        return {}
 
 
 def draft_rule_set(text: str, *, file: str) -> RuleSet:
@@ -244,6 +313,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
 
 def _from_text(text: str, file: str) -> YamlDocument:
     document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     return document
 
@@ -253,22 +323,23 @@ def expanded_yaml(rule_set: RuleSet) -> str:
     return rule_set.text
 
 
-def _path_of(name: str, folder: Path) -> Path:
+def _path_of(name: str, folder: Path, registry: Registry) -> Path:
     """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
         return folder / name
-    shipped = _shipped()
-    if name not in shipped:
+    try:
+        return registry.file(GROUP, name).path
+    except PluginNotFoundError:
+        known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
         raise UsageError(
-            f"there is no rule set {name!r}",
-            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
-        )
-    return shipped[name]
+            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+        ) from None
 
 
-def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
+    _refuse_its_parameters(document)
     validate(document, "ruleset", error=RuleSetError)
     document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
@@ -283,7 +354,7 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
             hint="one must stand alone",
         )
     try:
-        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+        base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
@@ -397,7 +468,7 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sha256=document.sha256,
         expanded=data,
         ranking=data.get("ranking", {}),
-        edition=data.get("edition"),
+        competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
         ranges=_ranges(document, checks),
         breaks=data.get("breaks", {}),
@@ -419,6 +490,16 @@ def _checks(document: YamlDocument) -> dict[str, Check]:
                 )
             checks[name] = _check(document, key, name, body)
     return checks
+
+
+def _competition(document: YamlDocument) -> Check | None:
+    body = document.data.get("competition")
+    if body is None:
+        return None
+    parameters = body.get("with", {})
+    places = {name: document.place(["competition", "with", name]) for name in parameters}
+    places |= {"use": document.place(["competition", "use"]), "": document.place(["competition"])}
+    return Check("competition", body["use"], _COMPETITIONS, parameters, place=places)
 
 
 def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:

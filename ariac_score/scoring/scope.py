@@ -36,13 +36,13 @@ class Scope:
     Attributes:
         level: One of `LEVELS`.
         path: `order/task/slot`, cut at the level; empty for the trial.
-        facts: Numbers known about it, such as `priority` or `time_s`.
+        facts: Numbers and texts known about it, such as `priority` or `time_s`.
         inner: The scopes directly inside.
     """
 
     level: Level
     path: str
-    facts: Mapping[str, int | float] = field(default_factory=lambda: FrozenMap({}))
+    facts: Mapping[str, int | float | str | None] = field(default_factory=lambda: FrozenMap({}))
     inner: tuple[Scope, ...] = ()
 
     def __post_init__(self) -> None:

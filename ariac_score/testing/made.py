@@ -26,6 +26,7 @@ from ariac_score.trial.model import (
     Tray,
     Trial,
     WantedProduct,
+    orders_of,
 )
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
@@ -65,12 +66,12 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
         Body("human", "human", radius_m=0.3),
         Body("robot", "robot", radius_m=0.2, links=("tcp",)),
     )
-    orders = (*example.orders, *_orders())
+    orders = (*orders_of(example), *_orders())
     trial = replace(
         example,
         id="made",
         bodies=bodies,
-        orders=orders,
+        work=orders,
         submissions=(*example.submissions, *_submissions()),
         events=tuple(sorted((*example.events, *_EVENTS))),
         # Every kind of event it has, so that checks of events are not all inconclusive.

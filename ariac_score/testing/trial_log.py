@@ -9,7 +9,7 @@ from typing import Any
 
 from ariac_score.logs.jsonl import FORMAT
 from ariac_score.trial.events import ORDER_ANNOUNCED
-from ariac_score.trial.model import Pose, Submission, Task, Trial
+from ariac_score.trial.model import Pose, Submission, Task, Trial, orders_of
 from ariac_score.trial.signals import Signal
 
 __all__ = ["write_trial_log"]
@@ -54,7 +54,7 @@ def _head(trial: Trial) -> Iterator[dict[str, Any]]:
 def _timed(signals: list[Signal], trial: Trial) -> list[dict[str, Any]]:
     """Everything with a time, in order of it."""
     records: list[dict[str, Any]] = []
-    for order in trial.orders:
+    for order in orders_of(trial):
         records.append(
             {
                 "record": "order",

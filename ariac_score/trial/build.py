@@ -27,11 +27,13 @@ from ariac_score.trial.model import (
     TeamSetup,
     Trial,
     WantedProduct,
+    orders_of,
 )
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+from ariac_score.trial.work import Fact, WorkItem, announced_s
 
 __all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
 
@@ -63,7 +65,7 @@ class TrialBuilder:
 
     def __init__(self, trial_id: str, *, file: object, clock: Clock | None) -> None:
         self.trial_id, self.file, self.clock = trial_id, file, clock
-        self.orders: list[Order] = []
+        self.work: list[WorkItem] = []
         self.submissions: list[Submission] = []
         self.events: list[Event] = []
         self.bodies: dict[str, Body] = {}
@@ -73,26 +75,32 @@ class TrialBuilder:
         self.witnessed: set[str] = set()
         self.unrecorded: list[str] = []
         self.recorded: Span | None = None
-        self.facts: dict[str, float] = {}
+        self.facts: dict[str, Fact] = {}
         self.kits: list[Kit] = []
         self.kit_records: list[KitRecord] = []
         self._defects: dict[tuple[str, str], LogDefect] = {}
 
-    def add(self, item: Order | Submission | Kit | Event) -> None:
+    def add(self, item: WorkItem | Submission | Kit | Event) -> None:
         """Take one decoded item; an order with a time also makes its announcement an event."""
-        if isinstance(item, Order):
-            _check_ids(item, self.file)
-            self.orders.append(item)
-            if item.announced_s is not None:
-                self.events.append(Event(item.announced_s, ORDER_ANNOUNCED, item.id))
-        elif isinstance(item, Submission):
+        if isinstance(item, Submission):
             self.submissions.append(item)
         elif isinstance(item, Kit):
             self.kits.append(item)
-        elif item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
-            self.witnessed.add(item.subject)
+        elif isinstance(item, Event):
+            if item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
+                self.witnessed.add(item.subject)
+            else:
+                self.events.append(item)
         else:
-            self.events.append(item)
+            self._add_work(item)
+
+    def _add_work(self, item: WorkItem) -> None:
+        if isinstance(item, Order):
+            _check_ids(item, self.file)
+        self.work.append(item)
+        t_s = announced_s(item)
+        if t_s is not None:
+            self.events.append(Event(t_s, ORDER_ANNOUNCED, item.id))
 
     def add_body(self, body: Body) -> None:
         """Take a body; links of one that is already known are added to it."""
@@ -143,7 +151,7 @@ class TrialBuilder:
         """The trial, with updates of orders applied and everything in order of time."""
         return Trial(
             id=self.trial_id,
-            orders=settle_orders(self.orders, file=self.file),
+            work=self._settled(),
             submissions=tuple(sorted(self.submissions, key=lambda s: s.submitted_s)),
             events=tuple(sorted(set(self.events))),
             bodies=tuple(self.bodies[k] for k in sorted(self.bodies)),
@@ -158,6 +166,10 @@ class TrialBuilder:
             facts={name: self.facts[name] for name in sorted(self.facts)},
             kits=(*([RecordedKits(self.kits)] if self.kits else []), *self.kit_records),
         )
+
+    def _settled(self) -> tuple[WorkItem, ...]:
+        orders = settle_orders([item for item in self.work if isinstance(item, Order)], file=self.file)
+        return *orders, *(item for item in self.work if not isinstance(item, Order))
 
 
 def _check_ids(order: Order, file: object) -> None:
@@ -246,7 +258,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
     spans = [p.recorded for p in parts if p.recorded]
     merged = Trial(
         id=trial_id,
-        orders=_orders(parts, events, file),
+        work=_orders(parts, events, file),
         submissions=_submissions(parts, file),
         events=events,
         bodies=_bodies(parts, file),
@@ -271,8 +283,8 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
 
 def _unannounced(parts: Sequence[Trial], merged: Trial) -> int:
     """How many configured orders are not among the orders of the trial."""
-    known = {order.id for order in merged.orders}
-    return len({o.id for part in parts for o in part.orders if not o.updates} - known)
+    known = {order.id for order in orders_of(merged)}
+    return len({o.id for part in parts for o in orders_of(part) if not o.updates} - known)
 
 
 def _within_competition(trial: Trial, unannounced: int) -> Trial:
@@ -290,14 +302,14 @@ def _within_competition(trial: Trial, unannounced: int) -> Trial:
             "submissions before the start or after the end were refused",
         ),
         "priority_unknown": (
-            sum(not order.priority_said for order in trial.orders),
+            sum(not order.priority_said for order in orders_of(trial)),
             "the messages of this edition do not say an order's priority; the trial configuration does",
         ),
         "orders_not_announced": (
             unannounced,
             "orders of the configuration were never announced in the log",
         ),
-        **_irregular(counted, trial.orders),
+        **_irregular(counted, orders_of(trial)),
     }
     defects = (LogDefect(kind, trial.id, int(n), message) for kind, (n, message) in noted.items() if n)
     return replace(trial, submissions=counted, log_defects=tuple(sorted([*trial.log_defects, *defects])))
@@ -389,7 +401,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         part,
         events=kept,
         submissions=tuple(replace(s, submitted_s=end_s) for s in part.submissions),
-        orders=tuple(replace(order, announced_s=None) for order in part.orders),
+        work=tuple(replace(order, announced_s=None) for order in orders_of(part)),
         signals={},
         recorded=None,
         kits=(),
@@ -399,7 +411,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
 
 
 def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tuple[Order, ...]:
-    found = [part.orders for part in parts if part.orders]
+    found = [orders_of(part) for part in parts if part.work]
     as_announced = [orders for orders in found if any(order.announced_s is not None for order in orders)]
     orders = _only("orders", as_announced or found, file) or ()
     configured = {o.id: o for group in found if group not in as_announced for o in group}
@@ -496,20 +508,24 @@ def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
         yield LogDefect("other_sensors", "team", 1, message)
 
 
-def _facts(parts: Sequence[Trial], file: object) -> dict[str, float]:
-    """The numbers that the files state of the trial, which must not contradict each other."""
-    stated: dict[str, tuple[float, str]] = {}
+def _facts(parts: Sequence[Trial], file: object) -> dict[str, Fact]:
+    """The facts that the files state of the trial, which must not contradict each other."""
+    stated: dict[str, tuple[Fact, str]] = {}
     for part in parts:
         source = part.official.source if part.official else part.id
         for name, value in sorted(part.facts.items()):
             known, first = stated.setdefault(name, (value, source))
             if known != value:
                 raise LogError(
-                    f"{first!r} says that {name} is {known:g}, {source!r} that it is {value:g}",
+                    f"{first!r} says that {name} is {_said(known)}, {source!r} that it is {_said(value)}",
                     file=file,
                     hint="a bundle is one trial: leave out the file that belongs to another",
                 )
     return {name: stated[name][0] for name in sorted(stated)}
+
+
+def _said(value: Fact) -> str:
+    return "absent" if value is None else repr(value) if isinstance(value, str) else f"{value:g}"
 
 
 def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.trial.model import Kit, LogDefect, Pose, Submission, Task, Trial
+from ariac_score.trial.model import Kit, LogDefect, Pose, Submission, Task, Trial, orders_of
 from ariac_score.trial.spans import FloatArray
 
 __all__ = ["ModelTrack", "RecordedKits", "with_contents"]
@@ -96,7 +96,7 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
         max_age_s: How old contents may be at the submission, s.
     """
     # After all parts are merged: one log may show the tray, another the submission.
-    tasks = {task.id: task for order in trial.orders for task in order.tasks}
+    tasks = {task.id: task for order in orders_of(trial) for task in order.tasks}
     joined = [_joined(trial, s, tasks.get(s.task_id), max_age_s) for s in trial.submissions]
     count = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
     unmarked = [

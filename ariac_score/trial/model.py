@@ -1,11 +1,11 @@
-"""The trial: orders, submissions, bodies, signals, and which of these the log could have shown."""
+"""The trial: work, submissions, bodies, signals, and which of these the log could have shown."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
@@ -14,6 +14,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal
 from ariac_score.trial.spans import Span
+from ariac_score.trial.work import Fact, WorkItem, announced_s, checked_facts
 
 __all__ = [
     "Body",
@@ -32,6 +33,7 @@ __all__ = [
     "Tray",
     "Trial",
     "WantedProduct",
+    "orders_of",
 ]
 
 
@@ -115,11 +117,20 @@ class WantedProduct:
         challenged: Whether a faulty-part challenge is set on its quadrant; `None` when no file says.
     """
 
+    level: ClassVar[str] = "part"
+    items: ClassVar[tuple[WorkItem, ...]] = ()
+    facts: ClassVar[Mapping[str, Fact]] = FrozenMap({})
+
     slot: str
     type: str
     pose: Pose | None = None
     quadrant: int = 0
     challenged: bool | None = None
+
+    @property
+    def id(self) -> str:
+        """The slot, which is its name within the task."""
+        return self.slot
 
 
 @dataclass(frozen=True)
@@ -166,12 +177,24 @@ class Task:
         tray: Ordered movable tray, where orders name one.
     """
 
+    level: ClassVar[str] = "submission"
+
     id: str
     kind: str = "kitting"
     products: tuple[WantedProduct, ...] = ()
     agv: str = "any"
     station: str = ""
     tray: Tray | None = None
+
+    @property
+    def items(self) -> tuple[WantedProduct, ...]:
+        """What is wanted, one by one."""
+        return self.products
+
+    @property
+    def facts(self) -> Mapping[str, Fact]:
+        """How many parts are wanted."""
+        return FrozenMap({"parts": len(self.products)})
 
 
 @dataclass(frozen=True)
@@ -189,6 +212,8 @@ class Order:
         priority_said: Whether a record or configuration gives the priority; where not, no formula may use it.
     """
 
+    level: ClassVar[str] = "order"
+
     id: str
     tasks: tuple[Task, ...] = ()
     announced_s: float | None = None
@@ -196,6 +221,19 @@ class Order:
     updates: str = ""
     outline: bool = False
     priority_said: bool = field(default=True, compare=False)
+
+    @property
+    def items(self) -> tuple[Task, ...]:
+        """Its tasks."""
+        return self.tasks
+
+    @property
+    def facts(self) -> Mapping[str, Fact]:
+        """How many parts are wanted, and its priority where something says it."""
+        facts: dict[str, Fact] = {"parts": sum(len(task.products) for task in self.tasks)}
+        if self.priority_said:  # else unknown: a formula that names it then has no value, not a default
+            facts["priority"] = self.priority
+        return FrozenMap(facts)
 
 
 class FaultMarks(Protocol):
@@ -311,6 +349,11 @@ class TeamSetup:
             object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
 
 
+def orders_of(trial: Trial) -> tuple[Order, ...]:
+    """The work of a trial that is orders, in order."""
+    return tuple(item for item in trial.work if isinstance(item, Order))
+
+
 @dataclass(frozen=True)
 class OfficialOrder:
     """What an official record says about one order, where it has a summary of each; `None`: not printed.
@@ -400,7 +443,7 @@ class Trial:
 
     Attributes:
         id: Name of the trial.
-        orders: In order of announcement, updates applied.
+        work: What was to be done: the outermost items, in order of announcement, updates applied.
         submissions: In order of submission.
         events: In order of time.
         bodies: Robots, humans, AGVs.
@@ -414,8 +457,8 @@ class Trial:
         log_defects: What was wrong with the log.
         clocks: Of the logs it was read from, the one that its times are on first; empty when no log says.
         recorded: From the first to the last stamp of the recording.
-        facts: Numbers that a configuration or an official record states of the trial, by name, such as
-            `time_limit_s`; a number that is not stated is absent.
+        facts: What a configuration or an official record states of the trial, by name, such as
+            `time_limit_s`; `None`: known to be absent; what is not stated has no entry.
         kits: Records of what lay on trays over time, the most reliable first.
         faulty_products: Names of individuals that the configuration makes faulty; `None` when no file says.
 
@@ -424,7 +467,7 @@ class Trial:
     """
 
     id: str
-    orders: tuple[Order, ...] = ()
+    work: tuple[WorkItem, ...] = ()
     submissions: tuple[Submission, ...] = ()
     events: tuple[Event, ...] = ()
     bodies: tuple[Body, ...] = ()
@@ -436,15 +479,13 @@ class Trial:
     log_defects: tuple[LogDefect, ...] = ()
     clocks: tuple[Clock, ...] = ()
     recorded: Span | None = None
-    facts: Mapping[str, float] = field(default_factory=lambda: FrozenMap({}))
+    facts: Mapping[str, Fact] = field(default_factory=lambda: FrozenMap({}))
     kits: tuple[KitRecord, ...] = ()
     faulty_products: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in self.facts.values()):
-            raise ValueError(f"the facts of trial {self.id!r} must be finite: {dict(self.facts)}")
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))
-        object.__setattr__(self, "facts", FrozenMap(dict(self.facts)))
+        object.__setattr__(self, "facts", FrozenMap(dict(checked_facts(self.facts, self.id))))
 
     def signal(self, name: str, *, unit: str) -> Signal:
         """The signal of that name.
@@ -505,7 +546,7 @@ class Trial:
     def window(self) -> Span | None:
         """The stretch in which behaviour counts: start to end of the competition.
 
-        An order announced before the start opens it early: from then on there is work. Where
+        Work announced before the start opens it early: from then on there is work. Where
         the log gives no start or end, the first or last stamp of the recording stands in; where
         the end is not after the start, the whole recording counts.
         """
@@ -515,8 +556,8 @@ class Trial:
         end_s = self.recorded.end_s if self.ended_s is None else self.ended_s
         if not start_s < end_s:  # noted as the defect `no_window` when logs are merged
             return self.recorded
-        announced = [order.announced_s for order in self.orders if order.announced_s is not None]
-        return Span(min([start_s, *announced]), end_s)
+        announced = [announced_s(item) for item in self.work]
+        return Span(min([start_s, *(t_s for t_s in announced if t_s is not None)]), end_s)
 
     @property
     def duration_s(self) -> float:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from ariac_score.trial.model import Kit, KitRecord, Trial
 from ariac_score.trial.spans import Span
+from ariac_score.trial.work import at_times
 
 __all__ = ["shifted"]
 
@@ -27,10 +28,7 @@ def shifted(trial: Trial, by_s: float) -> Trial:
     recorded = trial.recorded
     return replace(
         trial,
-        orders=tuple(
-            replace(o, announced_s=None if o.announced_s is None else o.announced_s + by_s)
-            for o in trial.orders
-        ),
+        work=at_times(trial.work, lambda t_s: t_s + by_s),
         submissions=tuple(replace(s, submitted_s=s.submitted_s + by_s) for s in trial.submissions),
         events=tuple(replace(event, t_s=event.t_s + by_s) for event in trial.events),
         signals={name: replace(s, t=s.t + by_s) for name, s in trial.signals.items()},

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 from ariac_score import LogDefect, Order, Trial
 from ariac_score_ariac.config.product_types import unknown_products
@@ -15,14 +16,20 @@ if TYPE_CHECKING:
 __all__ = ["Ariac"]
 
 
+@dataclass(frozen=True)
 class Ariac:
     """What ARIAC knows of its editions.
+
+    Attributes:
+        edition: Its year; configurations that look like those of another year are then refused.
 
     Source:
         Rulebooks 2017 to 2024, orders.
     """
 
-    motions = ("snapshot", "human_state", "frames")
+    edition: int | None = None
+
+    motions: ClassVar = ("snapshot", "human_state", "frames")
 
     def unknown_products(self, orders: Sequence[Order], edition: int) -> list[LogDefect]:
         """A defect for each product that is ordered although that edition has none of its type."""

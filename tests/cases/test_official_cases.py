@@ -301,14 +301,14 @@ def terms_by_order(orders: Sequence[Mapping[str, float]]) -> list[tuple[float, .
 
 def compare(expected: Mapping[str, Any], trial: Trial, points: Points) -> None:
     """Hold every expectation against what we say; an expectation that we do not know fails."""
-    by_id = {order.id: order for order in trial.orders}
+    by_id = {order.id: order for order in trial.work}
     for key, value in expected.items():
         if key == "game_total":
             assert points.total == value
         elif key == "game_total_terms":
-            assert earned(trial.orders, points) == terms_by_order(value)
+            assert earned(trial.work, points) == terms_by_order(value)
         elif key == "first_shipment_pose_points":
-            order = trial.orders[0]
+            order = trial.work[0]
             first = min(task.id for task in order.tasks)
             assert points.terms[f"{order.id}/{first}", "pose"] == value
         elif key == "orders":
@@ -683,7 +683,7 @@ def test_demonstration_of_the_organisers(demo_case: Case) -> None:
     assert violations(points, "dropped_parts") == expected["dropped_part_penalty"]
     # Times were measured on the organisers' machine (README): they are not compared.
     for document in expected["orders"]:
-        order = next(order for order in trial.orders if order.id == document["id"])
+        order = next(order for order in trial.work if order.id == document["id"])
         assert (points.terms[order.id, "total"], order.priority) == (document["total"], document["priority"])
         assert points.terms[order.id, "completion"] == document["completion_score"]
         for kit in document.get("kitting", []):

@@ -293,7 +293,7 @@ def test_a_reader_that_goes_early_changes_no_code(tmp_path: Path) -> None:
 def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_trial_log(tmp_path / "x.jsonl", replace(kitting_trial(), orders=(), submissions=()))
+    write_trial_log(tmp_path / "x.jsonl", replace(kitting_trial(), work=(), submissions=()))
     (tmp_path / "apart.yaml").write_text(MONITORS_ONLY.format(log_map="ariac2020"), encoding="utf-8")
 
     assert main(["info", str(tmp_path / "x.jsonl"), "--rules", str(tmp_path / "apart.yaml")]) == 0

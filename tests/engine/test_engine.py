@@ -35,10 +35,11 @@ from ariac_score import (
     price_trial,
     score_trial,
 )
-from ariac_score.checks.registry import Plugin, Registry, _installed
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import DataFileError, LogError, PluginError
+from ariac_score.installed.points import installed_points
 from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
 from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
@@ -316,9 +317,9 @@ def test_a_policy_changes_nothing_where_everything_is_decided(policy: str, tmp_p
 
 
 def test_a_check_that_is_not_priced_withholds_nothing() -> None:
-    orders = tuple(replace(order, announced_s=None) for order in TRIAL.orders)
+    orders = tuple(replace(order, announced_s=None) for order in TRIAL.work)
 
-    result = priced(replace(TRIAL, orders=orders))  # leaves `order_time` undecided
+    result = priced(replace(TRIAL, work=orders))  # leaves `order_time` undecided
 
     assert {f.verdict for f in result.measured.of("order_time").values()} == {Verdict.INCONCLUSIVE}
     assert result.score == priced(TRIAL).score
@@ -417,7 +418,9 @@ def play(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
         module = f"stranger_check_{next(number)}"  # a module of its own, for Python remembers them
         (tmp_path / f"{module}.py").write_text(f"{head}    def {method}:\n{lines}", encoding="utf-8")
         stranger = Plugin("odd.check", f"ariac_score.{group}", f"{module}:Check", "odd-rules", "6.6")
-        monkeypatch.setattr("ariac_score.checks.registry._installed", lambda: iter([*_installed(), stranger]))
+        monkeypatch.setattr(
+            "ariac_score.checks.registry.installed_points", lambda: [*installed_points(), stranger]
+        )
         file = tmp_path / "odd.yaml"
         file.write_text(
             f"{{id: odd, title: odd, source: test, log_map: ariac2020, "
@@ -670,7 +673,7 @@ def test_a_fault_in_what_a_check_says_is_named_in_full(play: Played, name: str) 
 
 
 def test_a_trial_before_its_first_order_scores_nothing_and_blames_no_plugin() -> None:
-    assert score(replace(TRIAL, orders=(), submissions=())) == 0
+    assert score(replace(TRIAL, work=(), submissions=())) == 0
 
 
 # Coverage and scopes -------------------------------------------------------------------
@@ -702,7 +705,7 @@ def test_every_wanted_product_is_a_scope_handed_in_or_not() -> None:
 def test_the_first_order_announced_is_the_first_whatever_its_name() -> None:
     second, first = Order("a_late_one", announced_s=9.0), Order("z_early_one", announced_s=1.0)
 
-    scopes = measured(replace(TRIAL, orders=(first, second))).scopes
+    scopes = measured(replace(TRIAL, work=(first, second))).scopes
 
     assert {scope.path: scope.facts["index"] for scope in scopes.each("order")} == {
         "z_early_one": 0,
@@ -857,7 +860,7 @@ MONITORS_ALONE = (
 
 
 def no_orders(folder: Path) -> Path:
-    return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), orders=(), submissions=()))
+    return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), work=(), submissions=()))
 
 
 @pytest.mark.parametrize(

@@ -97,8 +97,8 @@ def test_the_parts_of_the_real_trial_make_one_trial() -> None:
         found.id, [READERS[p.reader].read(p.path, wanted) for p in found.parts], file=found.root
     )
 
-    assert [order.id for order in trial.orders] == ["order_0"]
-    assert trial.orders[0].announced_s == pytest.approx(10.86, abs=0.02)
+    assert [order.id for order in trial.work] == ["order_0"]
+    assert trial.work[0].announced_s == pytest.approx(10.86, abs=0.02)
     assert trial.team is not None
     assert trial.duration_s == pytest.approx(14.852, abs=0.02)
 

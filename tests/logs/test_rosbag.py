@@ -145,7 +145,7 @@ def test_orders_events_and_submissions_come_through_their_decoders(tmp_path: Pat
     trial = read_mcap(tmp_path, messages, wanted(*channels))
 
     assert trial.started_s == 1e-9
-    assert [(o.id, o.announced_s) for o in trial.orders] == [("order_0", 2e-9)]
+    assert [(o.id, o.announced_s) for o in trial.work] == [("order_0", 2e-9)]
     assert [(s.agv, s.submitted_s) for s in trial.submissions] == [("agv1", 3e-9)]
     assert trial.witnessed == {"submissions"}
 
@@ -314,7 +314,7 @@ def test_an_order_with_a_pose_that_is_not_finite_is_counted_and_no_witness(tmp_p
 
     trial = read_mcap(tmp_path, [order("order_0", 0, x=float("nan")), order("order_1", 1)], wanted(channel))
 
-    assert [o.id for o in trial.orders] == ["order_1"]
+    assert [o.id for o in trial.work] == ["order_1"]
     (defect,) = trial.log_defects
     assert (defect.kind, defect.where, defect.count) == ("unusable_messages", "/ariac/orders", 1)
     assert "finite" in defect.message

@@ -305,7 +305,7 @@ def test_orders_on_another_clock_keep_what_needs_no_time(tmp_path: Path) -> None
 
     trial = _read(log)
 
-    assert [(o.id, o.announced_s) for o in trial.orders] == [("order_0", None)]
+    assert [(o.id, o.announced_s) for o in trial.work] == [("order_0", None)]
     assert trial.events == ()
     assert "order_announced" in trial.witnessed
     assert trial.signals["speed/human"].t.tolist() == [20.0, 20.1]

@@ -93,7 +93,7 @@ def _renamed(trial: Trial) -> Trial:
             new = new.replace(old, other)
         signals[new] = replace(signal, name=new)
     orders, submissions = [], []
-    for i, order in enumerate(trial.orders):
+    for i, order in enumerate(trial.work):
         (task,) = order.tasks
         name = f"{HOSTILE[i]}".replace("/", "|")
         products = tuple(
@@ -111,7 +111,7 @@ def _renamed(trial: Trial) -> Trial:
         id=SCRIPT,
         bodies=tuple(Body(bodies[b.id], b.kind, b.radius_m) for b in trial.bodies),
         signals=signals,
-        orders=tuple(orders),
+        work=tuple(orders),
         submissions=tuple(submissions),
     )
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import ariac_score.rules
 import pytest
 
 from ariac_score.checks.contracts import Monitor, Rule
-from ariac_score.checks.registry import Registry
-from ariac_score.documents.schema import shipped_rules
+from ariac_score.checks.registry import FILE_GROUPS, Registry
 from ariac_score.errors import FormulaError, PluginNotFoundError, RuleSetError, ScoreError, UsageError
-from ariac_score.scoring.penalties import penalty_names
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.policy import POLICIES
-from ariac_score.scoring.ruleset import load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text, rule_set_names
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import FACTS
-from ariac_score.trial.logmap import load_log_map
 
 REGISTRY = Registry()
 SOUND = """\
@@ -71,12 +70,11 @@ def refusal(path: Path, old: str, new: str, kind: type[ScoreError]) -> ScoreErro
 
 
 def test_every_shipped_yaml_file_is_a_rule_set_a_log_map_or_a_penalty() -> None:
-    maps = [name for name in shipped_rules() if name.endswith(".log_map")]
-    penalties = [*penalty_names(), "penalty.classes"]
+    registry, folder = Registry(), Path(ariac_score.rules.__path__[0])
+    brought = [file.path for group in FILE_GROUPS for file in registry.files(group)]
 
-    assert rule_set_names()
-    assert {*rule_set_names(), *penalties}.isdisjoint(maps)
-    assert len(rule_set_names()) + len(maps) + len(penalties) == len(shipped_rules())
+    assert len(brought) == len(set(brought))
+    assert {*brought, folder / "penalty/classes.yaml"} == {*folder.rglob("*.yaml")}
 
 
 @pytest.mark.parametrize("name", rule_set_names())
@@ -116,7 +114,8 @@ def test_a_rule_set_reads_recordings_by_the_log_map_of_its_own_edition(name: str
     rule_set = load_rule_set(name)
     has_its_own = (Path(rule_set.file).parent / "log_map.yaml").is_file()
 
-    assert not has_its_own or rule_set.log_map == f"ariac{rule_set.edition}"
+    assert rule_set.competition is not None
+    assert not has_its_own or rule_set.log_map == f"ariac{rule_set.competition.parameters['edition']}"
 
 
 def test_a_sound_rule_set_is_read_as_written(written: Path) -> None:
@@ -381,7 +380,7 @@ def test_a_parameter_that_is_no_number_is_refused_when_a_formula_uses_it(written
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("paper202", "did you mean 'paper2020'?"), ("", "shipped rule sets"), ("x y", "a path to")],
+    [("paper202", "did you mean 'paper2020'?"), ("", "installed rule sets"), ("x y", "a path to")],
 )
 def test_an_unknown_rule_set_is_a_mistake_in_the_command(name: str, hint: str) -> None:
     with pytest.raises(UsageError, match="there is no rule set") as refused:
@@ -402,3 +401,63 @@ def test_a_rule_set_file_that_is_missing_is_said_to_be_missing(tmp_path: Path) -
 
 def test_every_fact_a_formula_may_name_is_described() -> None:
     assert all(words for facts in FACTS.values() for words in facts.values())
+
+
+# The competition -----------------------------------------------------------------------
+
+
+def test_the_competition_is_built_with_its_parameters(written: Path) -> None:
+    text = SOUND.replace("source:", "competition: {use: ariac, with: {edition: 2020}}\nsource:")
+    written.write_text(text, encoding="utf-8")
+
+    competition = load_rule_set(str(written)).build_competition(REGISTRY)
+
+    assert type(competition).__name__ == "Ariac"
+    assert competition.edition == 2020
+
+
+def test_a_rule_set_that_names_no_competition_has_none(written: Path) -> None:
+    written.write_text(SOUND, encoding="utf-8")
+
+    assert load_rule_set(str(written)).build_competition(REGISTRY) is None
+
+
+def test_a_parameter_of_the_competition_at_the_top_is_refused_with_the_line_to_write(written: Path) -> None:
+    error = refusal(written, "source: by hand", "source: by hand\nedition: 2020", RuleSetError)
+
+    assert error.cause == "'edition' is a parameter of the competition"
+    assert "line 4" in error.place
+    assert error.hint == "write 'competition: {use: ariac, with: {edition: 2020}}'"
+
+
+@pytest.mark.parametrize(
+    ("competition", "kind", "cause", "line"),
+    [
+        ("{use: regatta}", PluginNotFoundError, "no installed distribution provides 'regatta'", 4),
+        ("{use: ariac, with: {editoin: 2020}}", RuleSetError, "ariac has no parameter 'editoin'", 4),
+        ("{use: ariac, with: {edition: latest}}", RuleSetError, "'latest' is not a int", 4),
+        ("ariac", RuleSetError, "'ariac' is not of type 'object'", 4),
+        ("{with: {edition: 2020}}", RuleSetError, "key 'use' is missing", 4),
+    ],
+)
+def test_a_mistake_in_the_competition_is_told_at_its_place(
+    written: Path, competition: str, kind: type[ScoreError], cause: str, line: int
+) -> None:
+    text = SOUND.replace("source: by hand", f"source: by hand\ncompetition: {competition}")
+    written.write_text(text, encoding="utf-8")
+
+    with pytest.raises(kind) as refused:
+        load_rule_set(str(written)).build_competition(REGISTRY)
+
+    assert cause in refused.value.cause
+    assert refused.value.file == str(written)
+    assert f"line {line}" in refused.value.place
+
+
+def test_the_rules_of_an_older_result_name_their_competition_by_its_parameter() -> None:
+    text = SOUND.replace("source: by hand", "source: by hand\nedition: 2019")
+
+    competition = rule_set_from_text(text, file="the rules in the result").competition
+
+    assert competition is not None
+    assert (competition.use, dict(competition.parameters)) == ("ariac", {"edition": 2019})

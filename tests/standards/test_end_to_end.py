@@ -72,7 +72,7 @@ def moving_trial() -> Trial:
     ]
     return Trial(
         "t",
-        orders=(Order("order_0", (Task("order_0_shipment_0"),), 0.0),),
+        work=(Order("order_0", (Task("order_0_shipment_0"),), 0.0),),
         bodies=BODIES,
         signals={name: Signal(name, unit, T, values) for name, (unit, values) in columns.items()},
         events=tuple(events),

@@ -189,9 +189,7 @@ def test_a_shifted_trial_is_the_same_trial_later() -> None:
     assert later.window is not None
     assert MADE.window is not None
     assert later.window.start_s == MADE.window.start_s + 8.0
-    assert [o.announced_s for o in later.orders] == [
-        o.announced_s + 8.0 for o in MADE.orders if o.announced_s
-    ]
+    assert [o.announced_s for o in later.work] == [o.announced_s + 8.0 for o in MADE.work if o.announced_s]
     assert shifted(later, -8.0).events == MADE.events
 
 
@@ -366,7 +364,7 @@ BAD: dict[str, tuple[str, str, str, str]] = {
     ),
     "changes an order": (
         SPEAK,
-        "        object.__setattr__(trial.orders[0], 'id', trial.orders[0].id + 'x')\n" + SPEAK,
+        "        object.__setattr__(trial.work[0], 'id', trial.work[0].id + 'x')\n" + SPEAK,
         "trial_unchanged",
         "changed the trial",
     ),

@@ -288,7 +288,7 @@ def test_a_check_can_be_made_on_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_monitor_is_checked_on_a_log_without_orders_and_a_rule_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    alone = replace(kitting_trial(), orders=(), submissions=())
+    alone = replace(kitting_trial(), work=(), submissions=())
     log = write_trial_log(tmp_path / "alone.jsonl", alone, signals=["speed/robot"])
 
     assert main(["plugins", "check", "iso_10218_1.reduced_speed", "--trial", str(log)]) == 0

@@ -48,7 +48,7 @@ def test_a_recording_of_no_competition_gives_back_the_trial_but_for_its_orders(t
 
     read = RosbagReader().read(log, wanted)
 
-    assert read.orders == ()
+    assert read.work == ()
     assert [event.kind for event in read.events] == ["competition_started", "competition_ended"]
     assert made.witnessed <= read.witnessed
     assert [(s.task_id, s.agv, s.contents) for s in read.submissions] == [

@@ -122,7 +122,7 @@ def _course(*times: float | None, submitted: tuple[float, ...] = (5.0,)) -> Tria
     events += [] if end is None else [Event(end, COMPETITION_ENDED)]
     orders = (Order("a", (Task("a_0"),), announced_s=1.0),)
     submissions = tuple(Submission("a_0", t_s) for t_s in submitted)
-    return Trial("t", orders=orders, submissions=submissions, events=tuple(events), recorded=Span(0.0, 20.0))
+    return Trial("t", work=orders, submissions=submissions, events=tuple(events), recorded=Span(0.0, 20.0))
 
 
 @pytest.mark.parametrize(
@@ -335,8 +335,8 @@ SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
     ("one", "other", "what"),
     [
         (
-            Trial("a", orders=ORDERS),
-            Trial("b", orders=(Order("a", (SECOND,), announced_s=1.0),)),
+            Trial("a", work=ORDERS),
+            Trial("b", work=(Order("a", (SECOND,), announced_s=1.0),)),
             "orders",
         ),
         (
@@ -360,12 +360,12 @@ def test_two_logs_that_tell_one_thing_differently_are_refused(one: Trial, other:
 
 
 def test_two_logs_that_tell_the_same_agree() -> None:
-    one = Trial("a", orders=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
-    other = Trial("b", orders=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
+    one = Trial("a", work=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
+    other = Trial("b", work=ORDERS, submissions=SUBMITTED, team=TeamSetup("x"))
 
     whole = merged(one, other)
 
-    assert (whole.orders, whole.submissions, whole.team) == (ORDERS, SUBMITTED, TeamSetup("x"))
+    assert (whole.work, whole.submissions, whole.team) == (ORDERS, SUBMITTED, TeamSetup("x"))
 
 
 def test_two_logs_with_one_signal_are_refused_even_if_they_agree() -> None:
@@ -376,27 +376,27 @@ def test_two_logs_with_one_signal_are_refused_even_if_they_agree() -> None:
 
 
 def test_an_order_without_a_time_takes_it_from_its_first_announcement() -> None:
-    configured = Trial("a", orders=(Order("a", (FIRST,)), Order("b", (SECOND,))))
+    configured = Trial("a", work=(Order("a", (FIRST,)), Order("b", (SECOND,))))
     log = Trial("b", events=(Event(7.0, ORDER_ANNOUNCED, "a"), Event(3.0, ORDER_ANNOUNCED, "a")))
 
-    assert [(o.id, o.announced_s) for o in merged(configured, log).orders] == [("a", 3.0), ("b", None)]
+    assert [(o.id, o.announced_s) for o in merged(configured, log).work] == [("a", 3.0), ("b", None)]
 
 
 def test_a_configured_update_counts_only_if_it_was_announced() -> None:
-    configured = Trial("a", orders=(Order("a", (FIRST,)), Order("a_update", (SECOND,), updates="a")))
+    configured = Trial("a", work=(Order("a", (FIRST,)), Order("a_update", (SECOND,), updates="a")))
     announced = Event(1.0, ORDER_ANNOUNCED, "a"), Event(6.0, ORDER_ANNOUNCED, "a_update")
 
-    (quiet,) = merged(configured, Trial("b", events=announced[:1])).orders
-    (updated,) = merged(configured, Trial("b", events=announced)).orders
+    (quiet,) = merged(configured, Trial("b", events=announced[:1])).work
+    (updated,) = merged(configured, Trial("b", events=announced)).work
 
     assert (quiet.tasks, quiet.announced_s) == ((FIRST,), 1.0)
     assert (updated.tasks, updated.announced_s) == ((SECOND,), 6.0)
 
 
 def test_orders_as_announced_stand_before_orders_as_configured() -> None:
-    configured = Trial("a", orders=(Order("a", (SECOND,)), Order("b", (THIRD,))))
+    configured = Trial("a", work=(Order("a", (SECOND,)), Order("b", (THIRD,))))
 
-    assert merged(configured, Trial("b", orders=ORDERS)).orders == ORDERS
+    assert merged(configured, Trial("b", work=ORDERS)).work == ORDERS
 
 
 def test_submissions_with_contents_stand_before_those_without() -> None:
@@ -435,7 +435,7 @@ def test_an_order_of_very_many_products_is_taken_at_once() -> None:
     with pytest.raises(LogError, match="two slots named 'part_299999'"):
         taken.add(Order("order_1", (Task("shipment", products=(*products, products[-1])),)))
 
-    assert [order.id for order in taken.orders] == ["order_0"]
+    assert [order.id for order in taken.work] == ["order_0"]
 
 
 def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the_motion() -> None:
@@ -448,7 +448,7 @@ def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the
     )
     task = Trial(
         "task",
-        orders=(replace(ORDERS[0], announced_s=1.0),),
+        work=(replace(ORDERS[0], announced_s=1.0),),
         submissions=(Submission("task", 30.0),),
         events=(Event(2.0, COMPETITION_STARTED),),
         recorded=Span(0.0, 40.0),
@@ -457,7 +457,7 @@ def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the
 
     whole = merged(motion, task)
 
-    assert (whole.started_s, whole.orders[0].announced_s) == (5.0, 4.0)
+    assert (whole.started_s, whole.work[0].announced_s) == (5.0, 4.0)
     assert [s.submitted_s for s in whole.submissions] == [33.0]
     assert whole.recorded == Span(0.0, 50.0)
     assert whole.clock == "log time, origin 1700000000000000000 ns"
@@ -527,12 +527,12 @@ def test_without_any_motion_the_times_of_the_log_with_the_contents_count() -> No
 
 
 def test_one_log_merges_to_itself() -> None:
-    alone = Trial("a", orders=ORDERS, signals={"speed/human": signal()}, recorded=Span(0.0, 1.0))
+    alone = Trial("a", work=ORDERS, signals={"speed/human": signal()}, recorded=Span(0.0, 1.0))
 
     whole = merged(alone)
 
-    assert (whole.orders, dict(whole.signals), whole.recorded) == (
-        alone.orders,
+    assert (whole.work, dict(whole.signals), whole.recorded) == (
+        alone.work,
         dict(alone.signals),
         alone.recorded,
     )

@@ -33,7 +33,7 @@ SUBMITTED = Submission("order_0_shipment_0", 10.0, agv="agv1")
 def trial(*kits: Kit, task: Task = KIT, submission: Submission = SUBMITTED) -> Trial:
     return Trial(
         "t",
-        orders=(Order("order_0", (task,), 1.0),),
+        work=(Order("order_0", (task,), 1.0),),
         submissions=(submission,),
         kits=(RecordedKits(kits),),
     )
@@ -115,7 +115,7 @@ def never_known(_contents: tuple[Product, ...], _trial: Trial, _task: Task | Non
 
 def by_task(contents: tuple[Product, ...], trial: Trial, task: Task | None) -> tuple[Product, ...]:
     """A competition that marks what lies on the first order's tray."""
-    faulty = task is not None and task in trial.orders[0].tasks
+    faulty = task is not None and task in trial.work[0].tasks
     return tuple(replace(product, faulty=faulty) for product in contents)
 
 
@@ -167,10 +167,10 @@ def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configura
     def of(challenged: bool | None, **order: int | float | bool) -> Trial:
         wanted = WantedProduct("part_0", "pump_red", None, 2, challenged=challenged)
         task = Task("A", "kitting", (wanted,), "agv1")
-        return Trial("t", orders=(Order("A", (task,), **order),))  # type: ignore[arg-type]
+        return Trial("t", work=(Order("A", (task,), **order),))  # type: ignore[arg-type]
 
     parts = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
-    (order,) = merge_trials("t", parts, file="t").orders
+    (order,) = merge_trials("t", parts, file="t").work
 
     assert (order.announced_s, order.priority) == (3.0, 3)
     assert order.tasks[0].products[0].challenged is True
@@ -180,11 +180,11 @@ def test_a_configured_order_of_other_contents_completes_nothing() -> None:
     announced = WantedProduct("part_0", "pump_red", None, 2)
     configured = WantedProduct("part_0", "pump_red", None, 3, challenged=True)
     parts = [
-        Trial("t", orders=(Order("A", (Task("A", products=(wanted,)),), announced_s),))
+        Trial("t", work=(Order("A", (Task("A", products=(wanted,)),), announced_s),))
         for wanted, announced_s in ((announced, 3.0), (configured, None))
     ]
 
-    (order,) = merge_trials("t", parts, file="t").orders
+    (order,) = merge_trials("t", parts, file="t").work
 
     assert order.tasks[0].products == (announced,)
 
@@ -192,7 +192,7 @@ def test_a_configured_order_of_other_contents_completes_nothing() -> None:
 def test_a_priority_that_nothing_says_is_named() -> None:
     order = Order("order_0", (KIT,), 1.0, priority_said=False)
     (defect,) = (
-        d for d in merge_trials("t", [Trial("t", orders=(order,))], file="t").log_defects if "prio" in d.kind
+        d for d in merge_trials("t", [Trial("t", work=(order,))], file="t").log_defects if "prio" in d.kind
     )
 
     assert (defect.kind, defect.count) == ("priority_unknown", 1)

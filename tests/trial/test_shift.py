@@ -14,7 +14,7 @@ from ariac_score.trial.spans import Span
 GEAR = Product("gear_part_red")
 TRIAL = Trial(
     "t",
-    orders=(Order("announced", announced_s=1.0), Order("configured")),
+    work=(Order("announced", announced_s=1.0), Order("configured")),
     submissions=(Submission("task", 9.0),),
     events=(Event(0.5, COMPETITION_STARTED),),
     signals={"speed/human": Signal("speed/human", "m/s", np.array([0.0, 2.0]), np.array([0.1, 0.2]))},
@@ -26,7 +26,7 @@ TRIAL = Trial(
 def test_every_time_is_later_and_nothing_else_changes() -> None:
     later = shifted(TRIAL, 2.5)
 
-    assert [order.announced_s for order in later.orders] == [3.5, None]
+    assert [order.announced_s for order in later.work] == [3.5, None]
     assert [submission.submitted_s for submission in later.submissions] == [11.5]
     assert later.events == (Event(3.0, COMPETITION_STARTED),)
     assert later.signals["speed/human"].t.tolist() == [2.5, 4.5]
@@ -42,7 +42,7 @@ def test_a_record_of_kits_shows_them_at_the_later_time() -> None:
 
 
 def test_a_trial_without_any_time_stays_as_it_is() -> None:
-    untimed = Trial("t", orders=(Order("configured"),))
+    untimed = Trial("t", work=(Order("configured"),))
 
-    assert shifted(untimed, 2.5).orders == untimed.orders
+    assert shifted(untimed, 2.5).work == untimed.work
     assert shifted(untimed, 2.5).recorded is None

@@ -9,12 +9,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ariac_score import DataFileError, Likeness, LogDescription, Order, ReaderFacts, Trial, Wanted, load_yaml
+from ariac_score import (
+    DataFileError,
+    Fact,
+    Likeness,
+    LogDescription,
+    Order,
+    ReaderFacts,
+    Trial,
+    Wanted,
+    load_yaml,
+)
 from ariac_score_ariac.config.config_forms import form_in, form_of, top_level_keys
 from ariac_score_ariac.config.config_values import ConfigPath, ConfigValues
 from ariac_score_ariac.config.listed_orders import listed_orders
 from ariac_score_ariac.config.order_counts import REQUIRED_KEYS, order_counts
 from ariac_score_ariac.config.shipment_orders import shipment_orders
+from ariac_score_ariac.work import orders_of
 
 __all__ = ["TrialConfigReader"]
 
@@ -59,17 +70,17 @@ class TrialConfigReader:
             trial = _trial(path)
         except DataFileError as error:
             return LogDescription(format=FORMAT, damage=str(error))
-        tasks = [task for order in trial.orders for task in order.tasks]
+        tasks = [task for order in orders_of(trial) for task in order.tasks]
         facts: dict[str, int | float | str] = {
-            "orders": sum(1 for order in trial.orders if not order.updates),
-            "updates": sum(1 for order in trial.orders if order.updates),
+            "orders": sum(1 for order in orders_of(trial) if not order.updates),
+            "updates": sum(1 for order in orders_of(trial) if order.updates),
             "tasks": len(tasks),
             "products": sum(len(task.products) for task in tasks),
         }
         return LogDescription(
             format=FORMAT,
             defects=trial.log_defects,
-            facts=facts if trial.orders else {name: _short(value) for name, value in trial.facts.items()},
+            facts=facts if trial.work else {name: _short(value) for name, value in trial.facts.items()},
         )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -87,9 +98,11 @@ class TrialConfigReader:
         return trial
 
 
-def _short(value: float) -> int | float:
+def _short(value: Fact) -> int | float | str:
     """A whole number as one."""
-    return int(value) if value.is_integer() else value
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else value
+    return "absent" if value is None else value
 
 
 def _trial(path: Path) -> Trial:
@@ -114,7 +127,7 @@ def _trial(path: Path) -> Trial:
             "name the file of the trial: it has 'orders' (2017 to 2024), or NUM_KITS and NUM_MODULES (2025)",
         )
     return Trial(
-        id=path.stem, orders=orders, facts=facts, log_defects=values.mistakes(), faulty_products=faulty
+        id=path.stem, work=orders, facts=facts, log_defects=values.mistakes(), faulty_products=faulty
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Order, SignalNeed, Trial, Verdict
+from ariac_score import Finding, Order, SignalNeed, Trial, Verdict, number_of_fact
 
 _KINDS = ("kit", "module", "high_priority")
 _SUBJECT = "run"
@@ -94,11 +94,12 @@ class RunRecord:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding about the run."""
-        missing = [name for name in _FACTS if name not in trial.facts]
+        stated = {name: number_of_fact(trial.facts, name) for name in _FACTS}
+        missing = [name for name, value in stated.items() if value is None]
         if missing:
             yield Finding.inconclusive(_SUBJECT, f"no record of the run says its {_words(missing[0])}")
             return
-        numbers = {name: trial.facts[name] for name in _FACTS}
+        numbers = {name: value for name, value in stated.items() if value is not None}
         unfinished = not numbers["completed"] and not numbers["aborted"]
         # The bonus for time divides by it.
         if not numbers["time_limit_s"] > 0:

@@ -15,6 +15,7 @@ from ariac_score.testing.recordings import (
     submission_messages,
     xyz_fields,
 )
+from ariac_score_ariac.work import orders_of
 
 __all__ = ["MOTIONS", "Motion", "recorded_messages"]
 
@@ -53,7 +54,7 @@ def _state_messages(trial: Trial) -> Iterator[Recorded]:
 
 
 def _order_messages(trial: Trial) -> Iterator[Recorded]:
-    for order in trial.orders:
+    for order in orders_of(trial):
         t_ns = stamp_ns(order.announced_s or 0.0)
         yield Recorded("/ariac/orders", "nist_gear/msg/Order", t_ns, _order_fields(order))
 

@@ -82,7 +82,7 @@ def test_is_a_reader() -> None:
 
 @needs_official_files
 def test_the_official_trial_of_2022_is_read_exactly() -> None:
-    (order,) = TRIALS.read(ARIAC / "nist_team_2022/config/trial_kitting.yaml", WANTED).orders
+    (order,) = TRIALS.read(ARIAC / "nist_team_2022/config/trial_kitting.yaml", WANTED).work
     (task,) = order.tasks
     (product,) = task.products
 
@@ -97,7 +97,7 @@ def test_the_official_trial_of_2022_is_read_exactly() -> None:
 
 @needs_official_files
 def test_a_trial_of_2020_found_in_the_wild_is_read_exactly() -> None:
-    orders = TRIALS.read(ARIAC / "found/sandeep_kota_group1_2020_trial.yaml", WANTED).orders
+    orders = TRIALS.read(ARIAC / "found/sandeep_kota_group1_2020_trial.yaml", WANTED).work
 
     # Its printed score gives order_1 priority 3.
     assert [(order.id, order.priority) for order in orders] == [("order_0", 1), ("order_1", 3)]
@@ -136,7 +136,7 @@ challenges:
 
 
 def test_orders_of_2024_have_one_task_that_is_handed_in_by_their_id(tmp_path: Path) -> None:
-    kit, combined = read(tmp_path, TRIAL_2024).orders
+    kit, combined = read(tmp_path, TRIAL_2024).work
     (task,) = kit.tasks
 
     assert (kit.id, kit.priority, kit.announced_s, task.id, task.kind) == (
@@ -190,7 +190,7 @@ def test_a_rotation_that_is_none_is_named_and_changes_no_order(tmp_path: Path) -
     parts = "parts: {agvs: {agv1: {parts: [{type: pump, color: red, quadrant: 1, rotation: 'p1/2'}]}}}\n"
     right, wrong = read(tmp_path, TRIAL_2024), read(tmp_path, TRIAL_2024 + parts)
 
-    assert right.orders == wrong.orders
+    assert right.work == wrong.work
     assert [d.message.partition(" (")[0] for d in wrong.log_defects] == [
         "'p1/2' names 'p1'; only pi is known"
     ]
@@ -202,7 +202,7 @@ def test_a_rotation_that_is_none_is_named_and_changes_no_order(tmp_path: Path) -
 def test_shipments_of_2020_are_numbered_and_sent_to_their_agv(tmp_path: Path) -> None:
     trial = read(tmp_path, TRIAL_2020)
 
-    first = trial.orders[0]
+    first = trial.work[0]
     assert trial.id == "final_1"
     assert [(task.id, task.agv, task.kind, task.station, task.tray) for task in first.tasks] == [
         ("order_0_shipment_0", "agv2", "kitting", "", None),
@@ -215,7 +215,7 @@ def test_shipments_of_2020_are_numbered_and_sent_to_their_agv(tmp_path: Path) ->
 
 
 def test_an_update_stands_beside_its_order_with_its_own_products(tmp_path: Path) -> None:
-    orders = read(tmp_path, TRIAL_2020).orders
+    orders = read(tmp_path, TRIAL_2020).work
 
     assert [(order.id, order.updates) for order in orders] == [
         ("order_0", ""),
@@ -227,13 +227,13 @@ def test_an_update_stands_beside_its_order_with_its_own_products(tmp_path: Path)
 
 
 def test_orders_after_the_first_of_2020_have_high_priority(tmp_path: Path) -> None:
-    orders: tuple[Order, ...] = read(tmp_path, TRIAL_2020).orders
+    orders: tuple[Order, ...] = read(tmp_path, TRIAL_2020).work
 
     assert (orders[0].priority, orders[2].priority) == (1, 3)
 
 
 def test_tasks_of_2022_have_kind_agv_station_and_tray(tmp_path: Path) -> None:
-    (order,) = read(tmp_path, TRIAL_2022).orders
+    (order,) = read(tmp_path, TRIAL_2022).work
 
     assert order.priority == 3
     assert [(t.id, t.kind, t.agv, t.station, t.tray and t.tray.type) for t in order.tasks] == [
@@ -246,13 +246,13 @@ def test_tasks_of_2022_have_kind_agv_station_and_tray(tmp_path: Path) -> None:
 def test_orders_of_2021_without_a_priority_are_regular(tmp_path: Path) -> None:
     block = f"kitting: {{shipment_count: 1, {PRODUCTS}}}"
 
-    orders = read(tmp_path, f"orders:\n  order_0: {{{block}}}\n  order_1: {{{block}}}\n").orders
+    orders = read(tmp_path, f"orders:\n  order_0: {{{block}}}\n  order_1: {{{block}}}\n").work
 
     assert [order.priority for order in orders] == [1, 1]
 
 
 def test_kits_of_2017_are_tasks(tmp_path: Path) -> None:
-    (order,) = read(tmp_path, "orders: {order_0: {kit_count: 2, parts: {part_0: {type: gasket}}}}").orders
+    (order,) = read(tmp_path, "orders: {order_0: {kit_count: 2, parts: {part_0: {type: gasket}}}}").work
 
     assert [task.id for task in order.tasks] == ["order_0_kit_0", "order_0_kit_1"]
     assert order.tasks[0].products[0].pose is None
@@ -261,7 +261,7 @@ def test_kits_of_2017_are_tasks(tmp_path: Path) -> None:
 def test_half_a_pose_is_completed_with_zeros(tmp_path: Path) -> None:
     (order,) = read(
         tmp_path, "orders: {order_0: {products: {part_0: {type: x, pose: {rpy: [0, 'pi', 0]}}}}}"
-    ).orders
+    ).work
 
     pose = order.tasks[0].products[0].pose
     assert pose is not None
@@ -451,7 +451,7 @@ def test_an_unknown_product_type_is_named_with_the_nearest_known_one(tmp_path: P
     trial = read(tmp_path, TRIAL_2022.replace("gear_part_red", "gear_prt_red", 1))
     (mistake,) = trial.log_defects
 
-    assert trial.orders[0].tasks[0].products[0].type == "gear_prt_red"
+    assert trial.work[0].tasks[0].products[0].type == "gear_prt_red"
     assert (mistake.kind, mistake.where, mistake.count) == ("unknown_product_type", "final_1.yaml", 1)
     assert "'gear_prt_red' is no product type of 2017 to 2022 (line 9, $." in mistake.message
     assert mistake.message.endswith("did you mean 'gear_part_red'?")
@@ -472,7 +472,7 @@ def test_an_alias_of_an_unknown_type_is_named(tmp_path: Path) -> None:
 def test_an_ignored_key_of_a_pose_is_named(tmp_path: Path) -> None:
     trial = read(tmp_path, TRIAL_2022.replace("rpy: [0, 0, 'pi/2']", "rpyy: [0, 0, 'pi/2']", 1))
 
-    assert trial.orders[0].tasks[0].products[0].pose == Pose((0.1, -0.2, 0.0))
+    assert trial.work[0].tasks[0].products[0].pose == Pose((0.1, -0.2, 0.0))
     assert [d.kind for d in trial.log_defects] == ["ignored_key"]
     assert "did you mean 'rpy'?" in trial.log_defects[0].message
 
@@ -601,7 +601,7 @@ def test_an_odd_value_anywhere_is_read_or_refused_with_a_hint(tmp_path: Path, te
     for number, path in enumerate(places(tree)):
         odd = replaced(tree, path, ODD[number % len(ODD)])
         try:
-            assert read(tmp_path, yaml.safe_dump(odd)).orders
+            assert read(tmp_path, yaml.safe_dump(odd)).work
         except DataFileError as error:
             refused.append(error)
 

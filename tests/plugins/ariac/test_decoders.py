@@ -304,7 +304,7 @@ def _files(shared: Path, year: str) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 def _from_configuration(path: Path) -> list[Order]:
-    return [_comparable(o) for o in TrialConfigReader().read(path, Wanted(LogMap("none"))).orders]
+    return [_comparable(o) for o in TrialConfigReader().read(path, Wanted(LogMap("none"))).work]
 
 
 @pytest.mark.parametrize("year", ["2023", "2024"])

@@ -67,7 +67,7 @@ def trial(
 
 
 def verdicts(rule: Rule, of: Trial) -> list[Verdict]:
-    return [finding.verdict for finding in rule.judge(of, of.orders[0])]
+    return [finding.verdict for finding in rule.judge(of, of.work[0])]
 
 
 # Orientation ---------------------------------------------------------------------------

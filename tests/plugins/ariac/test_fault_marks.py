@@ -17,7 +17,7 @@ def kit(*, challenged: bool | None, kind: str = "kitting") -> Task:
 
 
 def trial(task: Task, listed: frozenset[str] | None = None) -> Trial:
-    return Trial("t", orders=(Order("ABCD", (task,), 1.0),), faulty_products=listed)
+    return Trial("t", work=(Order("ABCD", (task,), 1.0),), faulty_products=listed)
 
 
 def faulty(marked: tuple[Product, ...] | None) -> list[bool] | None:

@@ -60,7 +60,7 @@ def trial(
     order = Order("ABCD1235", (Task("ABCD1235", kind, wanted, station="as2"),), announced_s=5.0)
     held = None if contents is None else tuple(contents)
     submission = Submission("ABCD1235", 50.0, held, station=station, tray=insert)
-    return Trial("t", orders=(order,), submissions=(submission,), witnessed=frozenset(witnessed))
+    return Trial("t", work=(order,), submissions=(submission,), witnessed=frozenset(witnessed))
 
 
 @cache
@@ -82,7 +82,7 @@ def score(of: Trial, rules: str) -> int:
 
 
 def verdicts(rule: InsertedPart | InsertSeen, of: Trial) -> list[Verdict]:
-    return [finding.verdict for finding in rule.judge(of, of.orders[0])]
+    return [finding.verdict for finding in rule.judge(of, of.work[0])]
 
 
 # Prices --------------------------------------------------------------------------------

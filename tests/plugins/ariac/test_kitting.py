@@ -180,7 +180,7 @@ def scored(full: Trial, rules: str = "paper2020") -> Result:
 
 
 def test_an_order_for_an_empty_kit_is_priced_and_earns_nothing() -> None:
-    result = scored(replace(kitting_trial(), orders=(kit(agv="agv1"),), submissions=(handed_in(agv="agv1"),)))
+    result = scored(replace(kitting_trial(), work=(kit(agv="agv1"),), submissions=(handed_in(agv="agv1"),)))
 
     assert (result.status, result.score) == ("scored", 0)
     for check in ("part_type", "part_color", "part_pose"):
@@ -661,7 +661,7 @@ def test_a_task_of_another_kind_withholds_the_score_of_a_rule_set_without_rules_
     order = Order("order_0", (Task("a", kind=kind), *kits), announced_s=1.0)
     dropped_witnessed = frozenset({"submissions", "arm_collision", "part_dropped"})
 
-    result = scored(replace(kitting_trial(), orders=(order,), witnessed=dropped_witnessed), rules)
+    result = scored(replace(kitting_trial(), work=(order,), witnessed=dropped_witnessed), rules)
 
     assert (result.status, result.score) == ("incomplete", None)
     assert [assumption.check for assumption in result.assumptions] == ["only_kitting"]

@@ -128,8 +128,8 @@ def test_every_official_trial_loads_whole(subtests: pytest.Subtests) -> None:
                 for order in (orders.values() if isinstance(orders, dict) else orders)
                 for pair in shipments(order)
             ]
-            tasks = [task for order in trial.orders for task in order.tasks]
-            assert len(trial.orders) == len(orders)
+            tasks = [task for order in trial.work for task in order.tasks]
+            assert len(trial.work) == len(orders)
             assert len(tasks) == sum(count for count, _ in wanted)
             assert sum(len(task.products) for task in tasks) == sum(
                 count * products for count, products in wanted
@@ -263,11 +263,11 @@ def test_the_official_trial_of_2025_states_its_numbers() -> None:
         "num_modules": 0.0,
         "time_limit_s": 100.0,
     }
-    assert trial.orders == ()
+    assert trial.work == ()
 
 
 def test_the_kits_of_2017_are_read_exactly() -> None:
-    (order,) = TRIALS.read(CONFIG / "2017/comp_configs/qual1a.yaml", WANTED).orders
+    (order,) = TRIALS.read(CONFIG / "2017/comp_configs/qual1a.yaml", WANTED).work
     (kit,) = order.tasks
 
     assert (kit.id, kit.agv, kit.tray) == ("order_0_kit_0", "any", None)

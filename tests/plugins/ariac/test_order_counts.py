@@ -50,7 +50,7 @@ def test_the_official_example_states_its_numbers_and_names_no_order(tmp_path: Pa
     facts = {"num_high_priority": 2.0, "num_kits": 3.0, "num_modules": 2.0, "time_limit_s": 900.0}
 
     assert dict(trial.facts) == facts
-    assert (trial.orders, trial.log_defects) == ((), ())
+    assert (trial.work, trial.log_defects) == ((), ())
     assert READER.describe(tmp_path / "trial.yaml").facts == facts
 
 

@@ -87,7 +87,7 @@ def trial(
     held = None if contents is None else tuple(contents)
     return Trial(
         "t",
-        orders=(order or kit(*WANTED),),
+        work=(order or kit(*WANTED),),
         submissions=(Submission("ABCD1234", 100.0, held, agv, station, tray),),
         events=tuple(events),
         witnessed=frozenset(witnessed),
@@ -113,7 +113,7 @@ def score(of: Trial, rules: str) -> int:
 
 
 def found(rule: QuadrantPart | TrayNumber | ExtraParts | OrderSubmitted, of: Trial) -> list[Finding]:
-    return list(rule.judge(of, of.orders[0]))
+    return list(rule.judge(of, of.work[0]))
 
 
 def verdicts(rule: QuadrantPart | TrayNumber | ExtraParts | OrderSubmitted, of: Trial) -> list[Verdict]:
@@ -507,11 +507,11 @@ def test_an_order_for_an_empty_kit_earns_its_tray() -> None:
 @pytest.mark.parametrize("rules", [AS_2023, RELEASE_3, RELEASE_5])
 def test_priority_and_the_order_of_submission_change_no_task_score(rules: str) -> None:
     first = trial()
-    (task,) = first.orders[0].tasks
+    (task,) = first.work[0].tasks
     urgent = Order("ABCD1235", (replace(task, id="ABCD1235"),), announced_s=0.0, priority=3)
     for at_s in (50.0, 150.0):
         second = replace(first.submissions[0], task_id="ABCD1235", submitted_s=at_s)
-        both = replace(first, orders=(*first.orders, urgent), submissions=(*first.submissions, second))
+        both = replace(first, work=(*first.work, urgent), submissions=(*first.submissions, second))
         assert score(both, rules) == 2 * score(first, rules)
 
 
@@ -531,7 +531,7 @@ def test_our_own_trial_log_carries_quadrants_and_challenges(tmp_path: Path) -> N
     path.write_text("".join(f"{json.dumps(record)}\n" for record in records), encoding="utf-8")
     read = JsonLinesReader().read(path, Wanted(LogMap("test")))
 
-    assert [(p.quadrant, p.challenged) for p in read.orders[0].tasks[0].products] == [(3, True), (4, None)]
+    assert [(p.quadrant, p.challenged) for p in read.work[0].tasks[0].products] == [(3, True), (4, None)]
     assert read.submissions[0].tray == Tray("")
 
 

@@ -483,7 +483,7 @@ def test_the_folder_of_an_evaluation_is_one_trial(tmp_path: Path) -> None:
     )
 
     assert [part.role for part in bundle.parts] == ["trial_config", "sensor_cost", "official"]
-    (order,) = trial.orders
+    (order,) = trial.work
     assert (order.announced_s, trial.submissions[0].submitted_s) == (2.0, 100.002)
     assert trial.team is not None
     assert (trial.team.sensor_cost, dict(trial.team.sensors)) == (
