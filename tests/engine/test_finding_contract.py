@@ -14,11 +14,12 @@ import pytest
 from ariac_score.checks.finding_contract import Grounds, breach_of, watched_in
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
-from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.checks.registry import Plugin
 from ariac_score.checks.units import is_unit
 from ariac_score.cli import main
 from ariac_score.engine.ask import ask
 from ariac_score.errors import PluginError
+from ariac_score.installed.points import installed_points
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Body, Trial
@@ -296,8 +297,9 @@ def test_no_score_is_printed_for_it(
     finding = finding.replace("10.5", "1e5")  # the example is longer
     (tmp_path / f"{module}.py").write_text(source_of(finding), encoding="utf-8")
     stranger = Plugin("odd.check", "ariac_score.monitors", f"{module}:Check", "odd-rules", "6.6")
-    installed = [each for group in Registry().groups() for each in Registry().all(group)]
-    monkeypatch.setattr(, lambda: iter([*installed, stranger]))
+    monkeypatch.setattr(
+        "ariac_score.checks.registry.installed_points", lambda: [*installed_points(), stranger]
+    )
     rules = tmp_path / "odd.yaml"
     rules.write_text(
         "{id: odd, title: odd, source: test, log_map: ariac2020, monitors: {oddity: {use: odd.check}}, "
