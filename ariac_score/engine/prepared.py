@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["Prepared", "PreparedCheck", "log_map_of", "prepare"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
 
 
 @dataclass(frozen=True)
@@ -151,13 +152,15 @@ class Prepared:
                     )
 
 
-def prepare(
-    rules: str | RuleSet | Prepared, *, log_map: str = "", registry: Registry | None = None
-) -> Prepared:
+Rules = str | PathLike[str] | RuleSet | Prepared
+"""A rule set: its name, the path of its file, itself, or prepared already."""
+
+
+def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None) -> Prepared:
     """Build the checks of a rule set, collect what they need, and load its log map.
 
     Args:
-        rules: A rule set or its name; one that is prepared already is returned as it is.
+        rules: A rule set, its name or its path; one that is prepared already is returned as it is.
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
 
@@ -170,7 +173,7 @@ def prepare(
     rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
     checks = {}
     for name, check in rule_set.build(registry).items():
-        plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
+        plugin = rule_set.plugin(name, registry)
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)

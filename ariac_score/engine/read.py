@@ -89,7 +89,7 @@ def with_unknown_products(
     named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
     if named or rule_set.edition is None:
         return trial, ()
-    own = {registry.find(check.group, check.use).distribution for check in rule_set.checks.values()}
+    own = {rule_set.plugin(name, registry).distribution for name in rule_set.checks}
     unknown: dict[Plugin, tuple[LogDefect, ...]] = {}
     for name in registry.names("ariac_score.competitions"):
         plugin = registry.find("ariac_score.competitions", name)
