@@ -142,7 +142,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
         measures = getattr(check, "measures", None)
-        about = frozenset(getattr(check, "findings_about", ()))
+        subjects = frozenset(getattr(check, "also_about", ()))
         forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
     except Exception as cause:
         raise broken(
@@ -150,7 +150,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
         ) from cause
     if measures is not None:
         _refuse_measures(plugin, name, measures, units)
-    return Grounds(measures, watched_in(trial), Subjects(trial, about), signals, units, needed, forgives)
+    return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
 
 
 def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection[str]) -> None:

@@ -371,7 +371,7 @@ class _Replayed:
 
     def __init__(self, findings: Iterable[Finding], check: Any) -> None:
         self._findings = findings
-        for name in ("measures", "findings_about", "t_on_s"):
+        for name in ("measures", "also_about", "t_on_s"):
             if hasattr(check, name):
                 setattr(self, name, getattr(check, name))
 

@@ -91,7 +91,7 @@ class RunRecord:
     """
 
     measures: ClassVar[Mapping[str, Measure]] = _FACTS
-    findings_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
+    also_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 
     unfinished: Literal["undecided", "as_stored"] = "undecided"
 
