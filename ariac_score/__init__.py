@@ -1,6 +1,7 @@
 """ariac-score: task rules and safety monitors over a trial log, and one explained score.
 
-Everything public is importable from here; plugins import nothing else. Names are
+Everything public is importable from here; plugins import nothing else, but what helps
+authors of monitors (`ariac_score.monitors`) and of tests (`ariac_score.testing`). Names are
 loaded when first used, so that importing the package costs next to nothing.
 
 >>> import ariac_score
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
         Reader,
         ReaderFacts,
         RecordKind,
+        ReportPanel,
         Resolving,
         Rule,
         SignalNeed,
@@ -75,6 +77,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.channels import LogMap
     from ariac_score.trial.chart import Chart
     from ariac_score.trial.clock import Clock
+    from ariac_score.trial.derive import DerivedSignal
     from ariac_score.trial.events import (
         ARM_COLLISION,
         COMPETITION_ENDED,
@@ -105,9 +108,10 @@ if TYPE_CHECKING:
     from ariac_score.trial.sums import exact_sum
     from ariac_score.trial.tracks import ModelTrack
     from ariac_score.trial.vocabulary import QUANTITIES, Quantity
-    from ariac_score.trial.work import Fact, Item, Record, Submission, WorkItem, number_of_fact
+    from ariac_score.trial.work import Fact, Item, Record, Submission, WorkItem, announced_s, number_of_fact
 
 _MODULE_OF = {
+    "announced_s": "ariac_score.trial.work",
     "Competition": "ariac_score.checks.contracts",
     "RecordKind": "ariac_score.checks.contracts",
     "TrackReader": "ariac_score.checks.contracts",
@@ -135,6 +139,7 @@ _MODULE_OF = {
     "Chart": "ariac_score.trial.chart",
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
+    "DerivedSignal": "ariac_score.trial.derive",
     "Entry": "ariac_score.ranking.evaluation",
     "Evaluation": "ariac_score.ranking.evaluation",
     "Event": "ariac_score.trial.events",
@@ -171,6 +176,7 @@ _MODULE_OF = {
     "QUANTITIES": "ariac_score.trial.vocabulary",
     "Quantity": "ariac_score.trial.vocabulary",
     "Reader": "ariac_score.checks.contracts",
+    "ReportPanel": "ariac_score.checks.contracts",
     "ReaderFacts": "ariac_score.checks.contracts",
     "RecordedMessage": "ariac_score.logs.messages",
     "Resolving": "ariac_score.checks.contracts",
@@ -237,6 +243,7 @@ __all__ = [
     "Competition",
     "DataFileError",
     "Decoder",
+    "DerivedSignal",
     "Entry",
     "Evaluation",
     "Event",
@@ -279,6 +286,7 @@ __all__ = [
     "Record",
     "RecordKind",
     "RecordedMessage",
+    "ReportPanel",
     "Resolving",
     "Result",
     "Rule",
@@ -303,6 +311,7 @@ __all__ = [
     "YamlDocument",
     "add_up",
     "align",
+    "announced_s",
     "as_json",
     "check_parameters",
     "did_you_mean",

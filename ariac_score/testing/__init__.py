@@ -3,7 +3,7 @@
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.testing.contract import contract_checks
 from ariac_score.testing.contract_check import ContractCheck, ContractError
-from ariac_score.testing.made import made_trial
+from ariac_score.testing.made import example_trial, made_trial
 from ariac_score.testing.recordings import recorded_messages
 from ariac_score.testing.rosmonitoring import monitored_events, write_event_log
 from ariac_score.testing.trial_log import write_trial_log
@@ -17,6 +17,7 @@ __all__ = [
     "NearMiss",
     "Recorded",
     "contract_checks",
+    "example_trial",
     "made_trial",
     "monitored_events",
     "near_miss_trial",

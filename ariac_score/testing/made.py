@@ -7,20 +7,23 @@ except those of the example trial, which it contains.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.errors import PluginError
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.testing.trials import near_miss_trial
 from ariac_score.trial.events import ARM_COLLISION, ORDER_ANNOUNCED, PART_DROPPED, Event
 from ariac_score.trial.model import Body, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.vocabulary import QUANTITIES, Quantity
+from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity
 from ariac_score.trial.work import Item, Submission
 
-__all__ = ["made_trial", "made_trial_for"]
+__all__ = ["example_trial", "made_trial", "made_trial_for"]
 
 _COMPETITIONS = "ariac_score.competitions"
 
@@ -90,10 +93,19 @@ _WORK = (
 )
 
 
+def _usable() -> Iterator[tuple[str, Quantity]]:
+    """The quantities, less those whose distributions are broken or contradict each other."""
+    for name in QUANTITIES:
+        with suppress(PluginError):
+            yield name, QUANTITIES[name]
+
+
 def _names(trial: Trial) -> Iterator[tuple[str, Quantity]]:
     """Every signal that the vocabulary allows for these bodies."""
-    for name, quantity in QUANTITIES.items():
-        if quantity.of == "body":
+    for name, quantity in _usable():
+        if quantity.of == ENVIRONMENT:
+            points: list[str] = [ENVIRONMENT]
+        elif quantity.of == "body":
             points = [p for b in trial.bodies for p in (b.id, *(f"{b.id}::{link}" for link in b.links))]
         elif quantity.any_bodies:
             points = [f"{a.id}/{b.id}" for a, b in trial.body_pairs()]
@@ -129,3 +141,21 @@ def made_trial_for(plugin: Plugin, registry: Registry) -> Trial:
                 trial: Trial = offer()
                 return trial
     return made_trial()
+
+
+def example_trial(rules: str | RuleSet, *, seed: int = 2020) -> Trial:
+    """The example trial of the competition that a rule set is for.
+
+    Args:
+        rules: A rule set or its name.
+        seed: Same seed, same trial, on every machine.
+
+    Raises:
+        ValueError: The rule set names no competition, or that offers no example.
+    """
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    offer = getattr(rule_set.build_competition(Registry()), "example_trial", None)
+    if offer is None:
+        raise ValueError(f"{rule_set.id!r} names no competition that offers an example trial")
+    trial: Trial = offer(seed=seed)
+    return trial
