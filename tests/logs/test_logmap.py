@@ -132,7 +132,13 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "'heder' is not allowed",
             "'header'",
         ),
-        ("kind: robot,", "kind: robt,", "line 5, $.bodies.robot.kind", "'robt' is not allowed", "'robot'"),
+        (
+            "kind: robot,",
+            "kind: Robot,",
+            "line 5, $.bodies.robot.kind",
+            "'Robot' does not match",
+            "Such as robot",
+        ),
         (
             "radius_m: 0.3",
             "radius_m: -0.3",

@@ -62,7 +62,7 @@ ILL: dict[str, tuple[str, str, str]] = {
         "def judge(self, trial)",
         "has judge(self, trial) where",
     ),
-    "of an older kind": ("def judge(", "def check(", "has no judge(trial, order)"),
+    "of an older kind": ("def judge(", "def check(", "has no judge(trial, item)"),
     "no class": (
         "\n@dataclass",
         "\ndef Rule():\n    return 1\n\n@dataclass",
