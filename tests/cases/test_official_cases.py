@@ -35,7 +35,9 @@ from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Pinned, Provenance, canonical
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.build import merge_trials
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.tasks import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
@@ -202,7 +204,7 @@ def trial_of(items: Sequence[Order | KitSubmission | Event]) -> Trial:
     builder.witnessed |= {"submissions", "arm_collision", "part_dropped"}
     for item in items:
         builder.add(item)
-    return builder.build()
+    return merge_trials("case", [builder.build()], file="case", competition=Ariac())
 
 
 def orderings(events: Sequence[Mapping[str, Any]], draw: random.Random) -> Iterator[list[dict[str, Any]]]:

@@ -56,6 +56,7 @@ from ariac_score.scoring.expression import Expression
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
 from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
@@ -229,7 +230,9 @@ def run_of(document: Mapping[str, Any]) -> Trial:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "results.db"
         store_run(path, document)
-        return merge_trials("case", [AriacDatabaseReader().read(path, Wanted(LogMap("case")))], file=path)
+        return merge_trials(
+            "case", [AriacDatabaseReader().read(path, Wanted(LogMap("case")))], file=path, competition=Ariac()
+        )
 
 
 def trial_of(case: Mapping[str, Any]) -> Trial:
@@ -259,7 +262,7 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
         kind, *more = document.split()
         t_s = next((float(word[3:]) for word in more if word.startswith("at=")), 90.0 + i)
         builder.add(Event(t_s, kind, *[word for word in more if not word.startswith("at=")]))
-    return builder.build()
+    return merge_trials("case", [builder.build()], file="case", competition=Ariac())
 
 
 def cohort_of(case: Mapping[str, Any], rules: str) -> CohortValues:
