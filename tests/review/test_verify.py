@@ -75,7 +75,7 @@ def test_a_result_holds_alone_and_with_its_log(stored: Path) -> None:
     assert [s.name for s in alone.steps] == [
         *("schema", "sums", "automatic", "findings", "bytes", "rules", "code")
     ]
-    assert [s.name for s in whole.steps][6:] == ["log", "recomputed"]
+    assert [s.name for s in whole.steps][7:] == ["log", "recomputed"]
     assert {s.outcome for s in whole.steps} == {"ok"}
     assert words(whole, "recomputed") == "the same to the byte"
 
