@@ -237,7 +237,7 @@ def read_needed(
         quantities=prepared.quantities,
         progress=progress,
         jobs=jobs,
-        orders=prepared.rule_set.about_orders if orders is None else orders,
+        orders=prepared.rule_set.about_work if orders is None else orders,
     )
 
 

@@ -18,9 +18,14 @@ from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, UsageError, did_you_mean
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.levels import (
+    TRIAL,
+    check_levels,
+    declared_facts,
+    facts_as_written,
+)
 from ariac_score.scoring.penalties import PREFIX, with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
-from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 
 __all__ = [
@@ -43,6 +48,7 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_LAYOUTS = "layouts"
 _COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
 _DEFAULT = "ruleset"
@@ -72,11 +78,11 @@ class Check:
 
 @dataclass(frozen=True)
 class RuleDifference:
-    """One point in which two rule sets of an edition differ.
+    """One point in which two rule sets of a competition differ.
 
     Attributes:
-        name: Its name in the rule set, such as `wrong_tray_type`.
-        terms: The terms it affects, such as `submission.bonus`; also `score` and `task`.
+        name: Its name in the rule set, such as `wrong_colour`.
+        terms: The terms it affects, such as `task.bonus`; also `score` and `task`.
         checks: The checks it affects.
         coded: What the code does, in words, whichever of the two rule sets follows it.
         documented: What the document says, in words.
@@ -157,10 +163,10 @@ class RuleSet:
         return {check.name: check.on_inconclusive for check in self.checks.values()}
 
     @property
-    def about_orders(self) -> bool:
-        """Whether it judges or prices orders; rules that only watch bodies need no order in the log."""
+    def about_work(self) -> bool:
+        """Whether it judges or prices work; rules that only watch bodies need no work item in the log."""
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
-        return judged or self.sheet.about_orders
+        return judged or self.sheet.about_work
 
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
@@ -204,9 +210,9 @@ def rule_set_names() -> list[str]:
 def _shipped() -> dict[str, Path]:
     shipped = {}
     for name, path in shipped_rules().items():
-        edition, _, last = name.rpartition(".")
+        folder, _, last = name.rpartition(".")
         if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
-            shipped[edition if last == _DEFAULT else name] = path
+            shipped[folder if last == _DEFAULT else name] = path
     return shipped
 
 
@@ -222,7 +228,7 @@ def load_rule_set(name: str) -> RuleSet:
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_expanded(_path_of(name, Path()), ())))
+    return _parsed(_declared(with_penalty(_expanded(_path_of(name, Path()), ()))))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -238,16 +244,34 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    document = _of_today(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
     validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
-    return _parsed(document)
+    return _parsed(_declared(document))
+
+
+_LEVELS_BEFORE = ("part", "submission", "order", TRIAL)
+_FACTS_BEFORE = {
+    "submission": {"parts": "number"},
+    "order": {"index": "number", "priority": "number", "parts": "number"},
+    TRIAL: {"orders": "number"},
+}
+"""What every rule set had before levels and facts were declared; a text without any is of that time."""
+
+
+def _of_today(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they named levels, facts and a competition, as they are now."""
+    data = document.data
+    if not isinstance(data, Mapping) or "levels" in data:
+        return document
+    data = {**data, "levels": list(_LEVELS_BEFORE), "facts": _FACTS_BEFORE}
+    return _with_competition(replace(document, data=data))
 
 
 def _with_competition(document: YamlDocument) -> YamlDocument:
-    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    """With the competition named whose parameters stood at the top of the rules."""
     for key, value in _unknown_keys(document).items():
         for name in _competitions_with(key, Registry()):
             kept = {k: v for k, v in document.data.items() if k != key}
@@ -295,7 +319,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a rule set, or its penalty does not fit.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_from_text(text, file)))
+    return _parsed(_declared(with_penalty(_from_text(text, file))))
 
 
 def _from_text(text: str, file: str) -> YamlDocument:
@@ -416,10 +440,10 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
             if name not in own.get(other, {}):
                 merged[other].pop(name, None)
     merged["terms"] = _merged_levels(base, own, "terms")
-    for key in ("printed", "adds_up"):
+    for key in ("printed", "adds_up", "facts"):
         if key in merged:
             merged[key] = _merged_levels(base, own, key)
-    if "layouts" in own.get("printed", {}):  # replaced whole: another edition prints other layouts
+    if "layouts" in own.get("printed", {}):  # replaced whole: other rules have other texts
         merged["printed"]["layouts"] = own["printed"]["layouts"]
     return merged
 
@@ -427,8 +451,50 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) -> dict[str, Any]:
     """What is named for each level, the base's with what is new or changed."""
     first, second = base.get(key, {}), own.get(key, {})
-    levels = dict.fromkeys(level for level in (*first, *second) if level in LEVELS)
+    levels = dict.fromkeys(level for level in (*first, *second) if level != _LAYOUTS)
     return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
+
+
+def _declared(document: YamlDocument) -> YamlDocument:
+    """The rule set with its levels and facts written out, its own before those of its competition.
+
+    So that a result, which holds this text, is priced again without any plugin.
+
+    Raises:
+        PluginError: The competition is not installed, or declares levels or facts that are none.
+        RuleSetError: The competition refuses its parameters.
+    """
+    data = document.data
+    if {"levels", "facts"} <= data.keys():
+        return document
+    named = _competition(document)
+    levels, facts = _of_competition(named, document.file) if named else ((TRIAL,), {})
+    levels = tuple(data.get("levels", levels))
+    own = data.get("facts", {})
+    both = {
+        level: {**facts.get(level, {}), **own.get(level, {})}
+        for level in dict.fromkeys([*facts, *own])
+        if level in levels or level in own
+    }
+    return replace(document, data={**data, "levels": list(levels), "facts": both})
+
+
+def _of_competition(named: Check, file: str) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
+    """Levels and facts that a competition declares, as a rule set writes them."""
+    registry = Registry()
+    competition = _built(named, registry, file)
+    try:
+        levels = tuple(getattr(competition, "levels", (TRIAL,)))
+        check_levels(levels, {})
+        return levels, facts_as_written(declared_facts(getattr(competition, "facts", {})))
+    except (FormulaError, ValueError, TypeError, AttributeError) as cause:
+        raise PluginError(
+            f"declares levels or facts that are none: {getattr(cause, 'cause', cause)}",
+            origin=registry.find(named.group, named.use).origin,
+            file=file,
+            place=named.place["use"],
+            hint=f"levels are names, the last is {TRIAL!r}; facts are declared by level and name",
+        ) from cause
 
 
 def _parsed(document: YamlDocument) -> RuleSet:
@@ -494,24 +560,27 @@ def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
     return ScoreSheet(
         terms={
             level: {
-                name: Expression.parse(text, where=f"$.terms.{level}.{name}")
+                name: Expression.parse(text, where=f"$.terms.{level}.{name}", texts=True)
                 for name, text in data.get("terms", {}).get(level, {}).items()
             }
-            for level in LEVELS
+            for level in data.get("terms", {})
         },
-        score=Expression.parse(data["score"], where="$.score"),
+        score=Expression.parse(data["score"], where="$.score", texts=True),
         checks=frozenset(checks),
         parameters=data.get("parameters", {}),
         cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
-        task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
+        task=Expression.parse(data["task"], where="$.task", texts=True) if "task" in data else None,
+        levels=tuple(data["levels"]),
+        facts=declared_facts(data["facts"]),
     )
 
 
 def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
     items = [
         _printed_item(name, level, body, sheet)
-        for level in LEVELS
-        for name, bodies in data.get("printed", {}).get(level, {}).items()
+        for level, named in data.get("printed", {}).items()
+        if level != _LAYOUTS
+        for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
     sums = [
@@ -523,11 +592,12 @@ def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
             body.get("relation", "equal"),
             body.get("because", ""),
         )
-        for level in LEVELS
-        for name, bodies in data.get("adds_up", {}).get(level, {}).items()
+        for level, named in data.get("adds_up", {}).items()
+        for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
-    return PrintedText(tuple(data.get("printed", {}).get("layouts", ())), tuple(items), tuple(sums))
+    layouts = tuple(data.get("printed", {}).get(_LAYOUTS, ()))
+    return PrintedText(layouts, tuple(items), tuple(sums), sheet.levels)
 
 
 def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
@@ -540,8 +610,8 @@ def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
 def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSheet) -> PrintedItem:
     formula = None
     if "formula" in body:
-        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}")
-        # `score` in a text of an edition that compares teams is what one team alone can know: the task score.
+        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}", texts=True)
+        # `score` in a text of rules that compare teams is what one team alone can know: the task score.
         if level == "trial" and formula.as_name == _SCORE and _SCORE not in sheet.terms.get(level, {}):
             formula = (sheet.task if sheet.needs_cohort else None) or sheet.score
         sheet.check_formula(formula, level)
@@ -598,8 +668,10 @@ def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:
     return CohortTerm(
         name=name,
         level=body["of"],
-        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean"),
-        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where") if "where" in body else None,
+        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean", texts=True),
+        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where", texts=True)
+        if "where" in body
+        else None,
         empty=body.get("empty"),
     )
 
