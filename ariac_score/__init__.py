@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         UsageError,
         did_you_mean,
     )
+    from ariac_score.logs.logmap import load_log_map
     from ariac_score.logs.messages import RecordedMessage, read_messages
     from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
@@ -79,7 +80,6 @@ if TYPE_CHECKING:
         Event,
     )
     from ariac_score.trial.kits import ModelTrack
-    from ariac_score.trial.logmap import load_log_map
     from ariac_score.trial.model import (
         Body,
         FaultMarks,
@@ -205,7 +205,7 @@ _MODULE_OF = {
     "episodes_where": "ariac_score.trial.spans",
     "exact_sum": "ariac_score.trial.sums",
     "load_cohort": "ariac_score.results.cohort_file",
-    "load_log_map": "ariac_score.trial.logmap",
+    "load_log_map": "ariac_score.logs.logmap",
     "load_result": "ariac_score.results.result_file",
     "load_rule_set": "ariac_score.scoring.ruleset",
     "load_yaml": "ariac_score.documents.yaml",

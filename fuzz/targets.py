@@ -29,6 +29,7 @@ from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for
 from ariac_score.logs.containers.items import Batch, Connection
 from ariac_score.logs.containers.sqlite import SqliteScan
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
@@ -41,7 +42,6 @@ from ariac_score.results.result_file import load_result
 from ariac_score.results.signing import verify_signature
 from ariac_score.scoring.expression import Expression, Traced
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score_rml import RmlError, compile_rml, format_rml, run_trace
 from ariac_score_rml.tokens import Dialect

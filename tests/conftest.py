@@ -74,7 +74,11 @@ def shared() -> Path:
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
-    """Put distributions on the path as an installer does: a module, METADATA, entry_points.txt."""
+    """Put distributions on the path as an installer does: a module, METADATA, entry_points.txt.
+
+    With `files`, by their path, the module is a package in which they lie; `also` gives the entry points
+    of further groups.
+    """
     before = set(sys.modules)
 
     def put(
@@ -84,18 +88,27 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         source: str = "",
         version: str = "1.0",
         group: str = "ariac_score.rules",
+        files: dict[str, str] | None = None,
+        also: dict[str, dict[str, str]] | None = None,
     ) -> str:
         module = f"stranger_{distribution.replace('-', '_')}"
         place = tmp_path / f"{distribution}-{version}"
         place.mkdir()
-        (place / f"{module}.py").write_text(source, encoding="utf-8")
+        if files is None:
+            (place / f"{module}.py").write_text(source, encoding="utf-8")
+        for name, text in ({"__init__.py": source, **files} if files is not None else {}).items():
+            (place / module / name).parent.mkdir(parents=True, exist_ok=True)
+            (place / module / name).write_text(text, encoding="utf-8")
         folder = place / f"{distribution.replace('-', '_')}-{version}.dist-info"
         folder.mkdir()
         (folder / "METADATA").write_text(
             f"Metadata-Version: 2.1\nName: {distribution}\nVersion: {version}\n", encoding="utf-8"
         )
-        lines = "".join(f"{name} = {module}:{attribute}\n" for name, attribute in points.items())
-        (folder / "entry_points.txt").write_text(f"[{group}]\n{lines}", encoding="utf-8")
+        text = ""
+        for each, named in {group: points, **(also or {})}.items():
+            text += f"[{each}]\n"
+            text += "".join(f"{name} = {module}:{attribute}\n" for name, attribute in named.items())
+        (folder / "entry_points.txt").write_text(text, encoding="utf-8")
         monkeypatch.syspath_prepend(str(place))
         return module
 

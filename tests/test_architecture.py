@@ -22,7 +22,7 @@ PLUGINS = sorted(p.name for p in (ROOT / "plugins").iterdir() if (p / "__init__.
 
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("documents", "terminal"),
+    ("documents", "terminal", "installed"),
     ("trial",),
     ("checks",),
     ("scoring", "logs"),
@@ -45,10 +45,11 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "errors": set[str](),
     "documents": {"jsonschema", "yaml"},
     "terminal": {"rich"},
+    "installed": set[str](),
     "trial": {"numpy"},
     "checks": {"numpy"},
     "scoring": {"msgspec", "numpy", "yaml"},
-    "logs": {"backports", "cramjam", "lz4", "numpy", "rosbags"},
+    "logs": {"backports", "cramjam", "lz4", "numpy", "rosbags", "yaml"},
     "results": {"minisign", "msgspec", "numpy"},
     "engine": {"numpy"},
     "ranking": {"msgspec", "numpy"},

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from ariac_score.checks.contracts import GROUPS
+from ariac_score.logs.logmap import log_map_names
 from ariac_score.scoring.ruleset import rule_set_names
-from ariac_score.trial.logmap import log_map_names
 
 ROOT = Path(__file__).parents[1]
 

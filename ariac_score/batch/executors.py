@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.local import LocalExecutor, usable_cores
-from ariac_score.checks.registry import Registry, unreadable_hint
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import PluginError, UsageError, did_you_mean
+from ariac_score.installed.points import unreadable_hint
 
 __all__ = ["GROUP", "executor_names", "local_executor", "make_executor"]
 

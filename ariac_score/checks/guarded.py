@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import (
     Decoder,
     HoldsRuns,
@@ -19,6 +18,7 @@ from ariac_score.checks.contracts import (
 )
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Kit, Order, Submission, Trial
 

@@ -12,16 +12,15 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass, field
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.parameters import ParameterFacts, facts_of
 from ariac_score.errors import (
     PluginConflictError,
@@ -30,61 +29,24 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
+from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.points import Point, installed_points, unreadable_hint
 
-__all__ = [
-    "Plugin",
-    "Registry",
-    "UnreadableDistribution",
-    "origin_of",
-    "package_sha256",
-    "unreadable_distributions",
-    "unreadable_hint",
-]
+__all__ = ["FILE_GROUPS", "DataFile", "Plugin", "Registry", "package_sha256"]
+
+FILE_GROUPS: Mapping[str, str] = {
+    "ariac_score.rule_sets": "ruleset",
+    "ariac_score.log_maps": "log_map",
+    "ariac_score.penalties": "penalty",
+}
+"""Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
+
+_CLASSES = "classes"
+"""Weights that all penalties share; it lies among them and is none."""
 
 
-@dataclass(frozen=True)
-class Plugin:
-    """One plugin as installed, not yet imported.
-
-    Attributes:
-        name: Entry-point name, such as `kitting.pose`.
-        group: Entry-point group, one of `ariac_score.checks.contracts.GROUPS`.
-        target: `module:attribute`.
-        distribution: Name of the distribution that brings it.
-        version: Version of that distribution.
-    """
-
-    name: str
-    group: str
-    target: str
-    distribution: str
-    version: str
-
-    @property
-    def package(self) -> str:
-        """Top-level import package of its code."""
-        return self.target.partition(":")[0].partition(".")[0]
-
-    @property
-    def origin(self) -> str:
-        """Words for messages: name, distribution, version."""
-        return f"{self.name} ({self.distribution} {self.version})"
-
-    def load(self) -> Any:
-        """Import the plugin.
-
-        Raises:
-            PluginError: The import fails, for whatever reason.
-        """
-        try:
-            with quiet(self.origin, deep=True):
-                return EntryPoint(self.name, self.target, self.group).load()
-        except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
-            raise PluginError(
-                f"cannot be imported: {type(cause).__name__}: {cause}",
-                origin=self.origin,
-                hint=f"repair or reinstall {self.distribution}",
-            ) from cause
+class Plugin(Point):
+    """One plugin as installed, not yet imported: an entry point of one of our groups."""
 
     def build(self, parameters: Mapping[str, Any], *, place: Callable[[str], str] = str) -> Any:
         """Make the plugin with its parameters.
@@ -159,26 +121,6 @@ class Plugin:
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             )
-
-
-@dataclass(frozen=True)
-class UnreadableDistribution:
-    """An installed distribution whose entry points cannot be read, so that none of them is used.
-
-    Attributes:
-        distribution: Its name.
-        version: Its version.
-        reason: What is wrong with its entry points.
-    """
-
-    distribution: str
-    version: str
-    reason: str
-
-    @property
-    def origin(self) -> str:
-        """Words for messages: name, version."""
-        return f"{self.distribution} {self.version}"
 
 
 def not_by_name(kind: Any) -> str:
@@ -292,20 +234,14 @@ def _as_type(value: Any, wanted: Any) -> Any:
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
-OURS = "ariac_score."
-"""Prefix of every entry-point group of this project."""
-
 
 class Registry:
     """The plugins installed here, by group and name."""
 
     def __init__(self) -> None:
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
-        for plugin in _installed():
-            known = self._providers.setdefault((plugin.group, plugin.name), [])
-            # An editable install found next to its own sources shows one distribution twice.
-            if all((p.distribution, p.target) != (plugin.distribution, plugin.target) for p in known):
-                known.append(plugin)
+        for point in installed_points():
+            self._providers.setdefault((point.group, point.name), []).append(Plugin(*astuple(point)))
 
     def groups(self) -> list[str]:
         """Every group of ours that something is installed in, sorted."""
@@ -342,71 +278,80 @@ class Registry:
                 hint=f"{hint}; otherwise install the distribution that brings it",
             )
         if len(providers) > 1:
-            both = " and ".join(f"{p.distribution} {p.version}" for p in providers)
-            raise PluginConflictError(
-                f"{name!r} is provided by {both}",
-                hint="uninstall one: sys.path order must not choose a referee",
-            )
+            raise _conflict(name, providers)
         return providers[0]
 
+    def files(self, group: str) -> list[DataFile]:
+        """Every file of a group, sorted by name; those of an entry point that leads nowhere are missing.
 
-def _installed() -> Iterator[Plugin]:
-    """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
-    try:
-        everything = entry_points()
-        points = [
-            p for group in everything.groups if group.startswith(OURS) for p in everything.select(group=group)
-        ]
-    except Exception:  # noqa: BLE001  # one malformed entry_points.txt, of anybody, stops importlib
-        points = [p for _, found, _ in _each_distribution() for p in found if p.group.startswith(OURS)]
-    origins = cache(origin_of)  # one distribution has many entry points, and reading its metadata takes time
-    found = [Plugin(p.name, p.group, p.value, *origins(p.dist)) for p in points]
-    yield from sorted(found, key=lambda plugin: (plugin.group, plugin.name, plugin.target))
+        Args:
+            group: One of `FILE_GROUPS`.
+        """
+        found: list[DataFile] = []
+        for plugin in self.all(group):
+            with suppress(PluginError):  # the doctor names it
+                found += _files_of(plugin)
+        return sorted(found, key=lambda file: (file.name, file.plugin.distribution))
 
+    def file(self, group: str, name: str) -> DataFile:
+        """The file of that name.
 
-def unreadable_distributions() -> list[UnreadableDistribution]:
-    """The installed distributions whose entry points cannot be read, sorted."""
-    found = [
-        UnreadableDistribution(*origin_of(one), f"its entry points cannot be read: {problem}")
-        for one, _, problem in _each_distribution()
-        if problem
-    ]
-    return sorted(found, key=lambda one: (one.distribution, one.version))
-
-
-def unreadable_hint() -> str:
-    """The end of a hint about a missing name: it may be in a distribution that cannot be read."""
-    words = "; ".join(f"{one.origin}: {one.reason}" for one in unreadable_distributions())
-    return f"; {words}" if words else ""
-
-
-def _each_distribution() -> Iterator[tuple[Distribution, Sequence[EntryPoint], str]]:
-    """Each installed distribution with its entry points, or with the reason why they cannot be read."""
-    seen = set()
-    for one in distributions():
-        name, _ = origin_of(one)
-        if name in seen and name != "?":  # as for imports, the first one on `sys.path` counts
-            continue
-        seen.add(name)
-        try:
-            yield one, tuple(one.entry_points), ""
-        except Exception as cause:  # noqa: BLE001  # a stranger's text may break the parser in any way
-            yield one, (), f"{type(cause).__name__}: {cause}"
+        Raises:
+            PluginNotFoundError: No installed distribution provides it.
+            PluginConflictError: Two do, so neither may be used.
+            PluginError: The entry point that would provide it leads nowhere.
+        """
+        # An entry point of a folder brings names that begin with its own.
+        may = [p for p in self.all(group) if f"{name}.".startswith(f"{p.name}.")]
+        found = [file for plugin in may for file in _files_of(plugin) if file.name == name]
+        if not found:
+            names = [file.name for file in self.files(group)]
+            raise PluginNotFoundError(
+                f"no installed distribution provides {name!r} ({group})",
+                hint=did_you_mean(name, names, what="installed") + unreadable_hint(),
+            )
+        if len(found) > 1:
+            raise _conflict(name, [file.plugin for file in found])
+        return found[0]
 
 
-def origin_of(distribution: Distribution | None) -> tuple[str, str]:
-    """Normalised name and version of a distribution; `?` where its metadata lack them."""
-    try:
-        metadata = distribution.metadata if distribution else None
-    # What Python makes of missing metadata depends on its version; a ValueError: they are not UTF-8.
-    except (TypeError, FileNotFoundError, ValueError):
-        metadata = None
-    if metadata is None:
-        return "?", "?"
-    stated = {key: metadata[key] for key in ("Name", "Version") if key in metadata}
-    name, version = stated.get("Name", "?"), stated.get("Version", "?")
-    # PEP 503: `Ariac_Score` and `ariac-score` are one distribution, and results compare names.
-    return re.sub(r"[-_.]+", "-", name).lower(), version
+@dataclass(frozen=True)
+class DataFile:
+    """A YAML file of an installed distribution.
+
+    Attributes:
+        name: By which people call it, such as `ariac2022.as_coded`.
+        path: Where it lies.
+        plugin: The entry point that brings it.
+    """
+
+    name: str
+    path: Path
+    plugin: Plugin
+
+
+def _files_of(plugin: Plugin) -> list[DataFile]:
+    """The file that an entry point names, or each file of the folder, in the order of their names."""
+    place = plugin.path()
+    if place.is_file():
+        return [DataFile(plugin.name, place, plugin)]
+    own = FILE_GROUPS[plugin.group]
+    others = {*FILE_GROUPS.values(), _CLASSES} - {own}  # a folder may hold a log map beside its rule sets
+    files = []
+    for path in sorted(place.rglob("*.yaml")):
+        *folders, stem = path.relative_to(place).with_suffix("").parts
+        if stem not in others:
+            inner = folders if stem == own else [*folders, stem]
+            files.append(DataFile(".".join([plugin.name, *inner]), path, plugin))
+    return files
+
+
+def _conflict(name: str, providers: Sequence[Plugin]) -> PluginConflictError:
+    both = " and ".join(f"{p.distribution} {p.version}" for p in providers)
+    return PluginConflictError(
+        f"{name!r} is provided by {both}",
+        hint="uninstall one: sys.path order must not choose a referee",
+    )
 
 
 _DATA_PACKAGES = frozenset({"rules", "schemas"})

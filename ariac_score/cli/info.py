@@ -12,10 +12,10 @@ from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import orders_of
 from ariac_score.trial.vocabulary import QUANTITIES
 

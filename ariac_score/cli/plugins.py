@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
-from ariac_score.checks.registry import Registry, package_sha256, unreadable_distributions, unreadable_hint
+from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
+from ariac_score.installed.points import unreadable_distributions, unreadable_hint
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.terminal.style import plain, style_for
 from ariac_score.testing.contract import BUDGET_S, contract_checks
 from ariac_score.testing.doctor import ailments
 from ariac_score.testing.made import made_trial
 from ariac_score.testing.pages import example_parameters, plugin_page
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.vocabulary import QUANTITIES
 
 EXIT_BROKEN = 1

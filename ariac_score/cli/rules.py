@@ -25,7 +25,8 @@ from ariac_score.results.result_file import load_result
 from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
-from ariac_score.scoring.penalties import PREFIX, penalty_names
+from ariac_score.scoring.penalties import penalty_names
+from ariac_score.scoring.ruleset import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
 from ariac_score.terminal.style import plain
 
@@ -34,7 +35,7 @@ def register(commands: Any) -> None:
     """Add the command and its actions."""
     parser = commands.add_parser("rules", description="List, show, validate, compare and test rule sets.")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = add_action(actions, "list", "list the shipped rule sets")
+    listing = add_action(actions, "list", "list the installed rule sets")
     listing.set_defaults(run=run_list)
     show = add_action(actions, "show", "show the text of a rule set")
     show.add_argument("name", metavar="NAME")
@@ -61,7 +62,7 @@ def register(commands: Any) -> None:
         "names",
         metavar="NAME",
         nargs="*",
-        help="rule sets, .yaml files, or penalties; default: all that are shipped",
+        help="rule sets, .yaml files, or penalties; default: all that are installed",
     )
     check.add_argument(
         "--cases", type=_count, default=None, metavar="N", help="random cases for each law (default: 400)"
@@ -79,9 +80,16 @@ def _count(text: str) -> int:
 
 
 def run_list(_arguments: argparse.Namespace) -> int:
-    """Print name and title of each shipped rule set."""
-    for name in rule_set_names():
-        print(f"{name:<30} {load_rule_set(name).title}")
+    """Print name and title of each installed rule set, and who brings it where that is not us."""
+    registry = Registry()
+    for file in registry.files(RULE_SETS):
+        plugin = file.plugin
+        whose = "" if plugin.distribution == "ariac-score" else f" ({plugin.distribution} {plugin.version})"
+        try:
+            about = load_rule_set(file.name, registry).title
+        except ScoreError as error:
+            about = f"CANNOT BE USED: {error.cause}"
+        print(plain(f"{file.name:<30} {about}{whose}"))
     return 0
 
 
@@ -176,9 +184,9 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
-    registry, broken = Registry(), False
-    for name in arguments.names or [*rule_set_names(), *penalty_names()]:
-        is_penalty = name.startswith(PREFIX) and not name.endswith((".yaml", ".yml"))
+    registry, broken, penalties = Registry(), False, penalty_names()
+    for name in arguments.names or [*rule_set_names(registry), *penalties]:
+        is_penalty = name in penalties
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES

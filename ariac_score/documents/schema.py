@@ -15,7 +15,7 @@ from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import DataFileError, did_you_mean
 
-__all__ = ["schema", "schema_errors", "shipped_rules", "strict_json", "validate"]
+__all__ = ["schema", "schema_errors", "shipped_data", "strict_json", "validate"]
 
 
 def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
@@ -140,9 +140,6 @@ def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = 
         raise error(cause + more, file=document.file, place=document.place(path), hint=hint)
 
 
-def shipped_rules() -> dict[str, Path]:
-    """The YAML files below `rules/` by their dotted name, such as `ariac2022.as_coded`."""
-    root = _folder("rules")
-    return {
-        ".".join(path.relative_to(root).with_suffix("").parts): path for path in sorted(root.rglob("*.yaml"))
-    }
+def shipped_data(name: str) -> Path:
+    """A file of our own below `rules/` that no entry point names, such as `penalty/classes.yaml`."""
+    return _folder("rules") / name

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Charting, Margined, Monitor, Rule
 from ariac_score.checks.findings import Finding, Verdict, settled
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
 from ariac_score.errors import MissingSignalError, PluginError
+from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.work import items_at

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.signal_needs import needs_of
-from ariac_score.errors import RuleSetError, did_you_mean
+from ariac_score.errors import RuleSetError, ScoreError, did_you_mean
+from ariac_score.logs.logmap import GROUP as LOG_MAPS
+from ariac_score.logs.logmap import load_log_map
+from ariac_score.scoring.ruleset import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
@@ -58,9 +62,9 @@ class Prepared:
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
-        """The plugins that take part whatever log is read: those of its checks and its competition."""
+        """The plugins that take part whatever log is read: of its checks, its competition, its data."""
         named = [self.competition] if self.competition else []
-        return tuple(each.plugin for each in (*self.checks.values(), *named))
+        return (*(each.plugin for each in (*self.checks.values(), *named)), *self._data_plugins)
 
     @property
     def needs(self) -> tuple[SignalNeed, ...]:
@@ -76,6 +80,27 @@ class Prepared:
     def derivations(self) -> tuple[Derivation, ...]:
         """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
         return tuple(Derivation(need.quantity, need.max_gap_s) for need in self.needs)
+
+    @cached_property
+    def _data_plugins(self) -> tuple[Plugin, ...]:
+        """What other distributions bring of the data it rests on: its rule set and its log map.
+
+        By name and hash, not by where they were loaded from: a worker of a batch and `verify` are given
+        the rules as text.
+        """
+        loaders: Mapping[str, Callable[..., RuleSet | LogMap]] = {
+            RULE_SETS: load_rule_set,
+            LOG_MAPS: load_log_map,
+        }
+        found = []
+        for group, used in ((RULE_SETS, self.rule_set), (LOG_MAPS, self.log_map)):
+            with suppress(ScoreError):  # nothing of that name is installed, or nothing that can be used
+                plugin = self.registry.file(group, used.id).plugin
+                # Ours stand in every result already, by the hash of the engine's code.
+                foreign = plugin.distribution != "ariac-score"
+                if foreign and loaders[group](used.id, registry=self.registry).sha256 == used.sha256:
+                    found.append(plugin)
+        return tuple(found)
 
     def derived(self, trial: Trial) -> Trial:
         """The trial with the signals that its checks need and that can be derived from what it has."""
@@ -142,13 +167,13 @@ def prepare(
     if isinstance(rules, Prepared):
         return rules
     registry = registry or Registry()
-    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
     checks = {}
     for name, check in rule_set.build(registry).items():
         plugin = registry.find(rule_set.checks[name].group, rule_set.checks[name].use)
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
     competition = _competition(rule_set, registry)
-    prepared = Prepared(rule_set, log_map_of(rule_set, log_map), registry, checks, competition)
+    prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
     return prepared
 
@@ -161,10 +186,10 @@ def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:
     return PreparedCheck(named.name, registry.find(named.group, named.use), competition, ())
 
 
-def log_map_of(rule_set: RuleSet, instead: str = "") -> LogMap:
+def log_map_of(rule_set: RuleSet, instead: str = "", registry: Registry | None = None) -> LogMap:
     """The log map of a rule set, named relative to the folder of its file, or another one instead.
 
     Raises:
         LogMapError: There is no such log map, or it is malformed.
     """
-    return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent)
+    return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent, registry=registry)

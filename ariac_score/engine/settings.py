@@ -8,13 +8,13 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Resolving
 from ariac_score.checks.findings import canonical
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
 from ariac_score.engine.prepared import Prepared
+from ariac_score.installed.captured_output import quiet
 from ariac_score.results.result import Setting, Settings
 
 __all__ = ["plain_value", "settings_of"]

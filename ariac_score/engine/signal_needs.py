@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import Monitor, SignalNeed
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
+from ariac_score.installed.captured_output import quiet
 
 __all__ = ["needs_of"]
 

@@ -23,6 +23,7 @@ from ariac_score.documents.schema import strict_json
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.score import check_configuration
 from ariac_score.errors import DataFileError, LogError, PluginError, RunEndedError, ScoreError, UsageError
+from ariac_score.logs.logmap import is_log_map_file, stand_alone
 from ariac_score.platforms.archives import SMALL, ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.neutral import STATUS, Metrics, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
@@ -31,7 +32,6 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.codec import Format, as_text
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
-from ariac_score.trial.logmap import is_log_map_file, load_log_map
 
 __all__ = [
     "EMPTY",
@@ -144,12 +144,11 @@ def rules_and_log_map(setting: BatchSetting) -> dict[str, bytes]:
     if not is_log_map_file(rule_set.log_map):
         return {RULES: setting.rules.encode()}
     file = Path(rule_set.file).parent / rule_set.log_map
-    load_log_map(str(file))
     # Under a name of ours: theirs may lead out of the folder of the rules, and here there is no such folder.
     rules = yaml.safe_dump(
         {**rule_set.expanded, "log_map": LOG_MAP}, sort_keys=False, allow_unicode=True, width=100
     )
-    return {RULES: rules.encode(), LOG_MAP: file.read_bytes()}
+    return {RULES: rules.encode(), LOG_MAP: stand_alone(file)}
 
 
 def hashes_text(files: Mapping[str, bytes]) -> str:

@@ -34,7 +34,7 @@ from ariac_score.review.certainty import Certain, Value
 from ariac_score.review.comparison import Comparison, compare_rules, rule_sets_differing_from
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, number_of
-from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import RuleSet, installed_rule_sets, load_rule_set
 from ariac_score.scoring.scope import Level
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial, orders_of
@@ -310,7 +310,7 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
             "this record prints no score: it holds counts, out of which a score is worked out",
             hint="there is nothing to hold it against; 'score' and 'explain' show how it comes about",
         )
-    shipped = [load_rule_set(name) for name in rule_set_names()]
+    shipped = installed_rule_sets()
     fitting = [one for one in shipped if layout in one.printed.layouts]
     # Editions share layouts; the one that knows every printed label is meant, where it is one.
     fitting = [one for one in fitting if one.printed.knows(block)] or fitting
@@ -318,7 +318,7 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
         named = ", ".join(one.id for one in fitting) or ", ".join(
             one.id for one in shipped if one.printed.layouts
         )
-        cause = "the text may be of more than one edition" if fitting else "no shipped rule set is of it"
+        cause = "the text may be of more than one edition" if fitting else "no installed rule set is of it"
         raise UsageError(f"layout {layout!r}: {cause}", hint=f"choose with --rules: {named}")
     return fitting[0]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
-from ariac_score.scoring.ruleset import RuleDifference, RuleSet, load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import RuleDifference, RuleSet, installed_rule_sets
 from ariac_score.scoring.scope import LEVELS, Level, Scope, is_inside
 
 __all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
@@ -89,9 +89,8 @@ class Comparison:
 
 
 def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
-    """The shipped rule sets that say how they differ from this one."""
-    shipped = (load_rule_set(name) for name in rule_set_names())
-    return tuple(one for one in shipped if one.differs and one.differs.other == rule_set.id)
+    """The installed rule sets that say how they differ from this one."""
+    return tuple(one for one in installed_rule_sets() if one.differs and one.differs.other == rule_set.id)
 
 
 def compare_rules(first: Certain, second: Certain) -> Comparison:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import InstantVerdict, OnlineMonitor
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.guarded import broken
@@ -26,6 +25,7 @@ from ariac_score.engine.provenance import file_hashes
 from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ResultError
+from ariac_score.installed.captured_output import quiet
 from ariac_score.results.result import Result
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial

@@ -77,11 +77,11 @@ def check_levels(levels: Sequence[str], taken: Mapping[str, Iterable[str]]) -> N
         )
 
 
-def no_such_level(level: str, levels: Sequence[str], *, place: str, what: str) -> FormulaError:
-    """The refusal of a level that is used but not declared."""
+def no_such_level(level: str, levels: Sequence[str], *, place: str, where: str) -> FormulaError:
+    """The refusal of a level that is used but not declared, `where` saying by what."""
     inner = ", ".join([level, *levels])
     return FormulaError(
-        f"{what} {level!r}, which is no declared level",
+        f"{where}: level {level!r} is not declared",
         place=place,
         hint=f"{did_you_mean(level, levels, what='declared levels')}; to add it, write for instance "
         f"'levels: [{inner}]', or name the competition that declares it",

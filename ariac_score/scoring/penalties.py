@@ -14,19 +14,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ariac_score.documents.schema import shipped_rules, validate
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import shipped_data, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
-from ariac_score.errors import RuleSetError, did_you_mean
+from ariac_score.errors import PluginNotFoundError, RuleSetError, did_you_mean
 
-__all__ = ["EARNED", "PREFIX", "Penalty", "load_penalty", "penalty_names", "with_penalty"]
+__all__ = ["EARNED", "Penalty", "load_penalty", "penalty_names", "with_penalty"]
 
-PREFIX = "penalty."
+GROUP = "ariac_score.penalties"
 EARNED = "earned"
 """The term that holds what the rule set itself gives, before any penalty."""
 
 _FINAL = "penalised_score"
 _SCALE = "safety_scale"
-_CLASSES = "penalty.classes"
+_CLASSES = "penalty/classes.yaml"
 
 
 @dataclass(frozen=True)
@@ -55,33 +56,34 @@ class Penalty:
 
 
 def penalty_names() -> list[str]:
-    """The shipped penalties."""
-    return [name for name in sorted(shipped_rules()) if name.startswith(PREFIX) and name != _CLASSES]
+    """The installed penalties."""
+    return sorted({file.name for file in Registry().files(GROUP)})
 
 
 def load_penalty(name: str, *, folder: Path) -> Penalty:
     """A penalty by name, or from a file.
 
     Args:
-        name: Of a shipped penalty, or the path of a `.yaml` file.
+        name: Of an installed penalty, or the path of a `.yaml` file.
         folder: What a path is relative to.
 
     Raises:
         RuleSetError: There is none of that name, or it breaks the schema.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
     """
-    shipped = shipped_rules()
     if name.endswith((".yaml", ".yml")) or "/" in name:
         path = folder / name
-    elif name in penalty_names():
-        path = shipped[name]
     else:
-        raise RuleSetError(
-            f"there is no penalty {name!r}",
-            hint=did_you_mean(name, penalty_names(), what="shipped penalties"),
-        )
+        try:
+            path = Registry().file(GROUP, name).path
+        except PluginNotFoundError:
+            raise RuleSetError(
+                f"there is no penalty {name!r}",
+                hint=did_you_mean(name, penalty_names(), what="installed penalties"),
+            ) from None
     document = load_yaml(path, error=RuleSetError)
     validate(document, "penalty", error=RuleSetError)
-    classes = load_yaml(shipped[_CLASSES], error=RuleSetError)
+    classes = load_yaml(shipped_data(_CLASSES), error=RuleSetError)
     data = document.data
     return Penalty(
         id=data["id"],

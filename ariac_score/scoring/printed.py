@@ -141,8 +141,7 @@ class PrintedText:
         for each in (*self.items, *self.sums):
             if each.level not in self.levels:
                 key = "printed" if isinstance(each, PrintedItem) else "adds_up"
-                place, what = f"$.{key}.{each.level}", f"{each.name!r} is printed for each"
-                raise no_such_level(each.level, self.levels, place=place, what=what)
+                raise no_such_level(each.level, self.levels, place=f"$.{key}.{each.level}", where=key)
         for one in self.sums:
             self._validate(one)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,9 +14,17 @@ from typing import Any
 import yaml
 
 from ariac_score.checks.registry import Plugin, Registry, parameters_of
-from ariac_score.documents.schema import schema, shipped_rules, validate
+from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
-from ariac_score.errors import FormulaError, PluginError, RuleSetError, UsageError, did_you_mean
+from ariac_score.errors import (
+    FormulaError,
+    PluginError,
+    PluginNotFoundError,
+    RuleSetError,
+    ScoreError,
+    UsageError,
+    did_you_mean,
+)
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.levels import (
@@ -24,7 +33,7 @@ from ariac_score.scoring.levels import (
     declared_facts,
     facts_as_written,
 )
-from ariac_score.scoring.penalties import PREFIX, with_penalty
+from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.sheet import ScoreSheet
 
@@ -36,6 +45,7 @@ __all__ = [
     "differences",
     "draft_rule_set",
     "expanded_yaml",
+    "installed_rule_sets",
     "load_rule_set",
     "rule_set_from_text",
     "rule_set_names",
@@ -51,8 +61,7 @@ MAX_EXTENDS = 8
 _LAYOUTS = "layouts"
 _COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
-_DEFAULT = "ruleset"
-_NOT_RULE_SETS = frozenset({"log_map"})
+GROUP = "ariac_score.rule_sets"
 
 
 @dataclass(frozen=True)
@@ -202,33 +211,39 @@ def _built(check: Check, registry: Registry, file: str) -> Any:
         raise
 
 
-def rule_set_names() -> list[str]:
-    """The shipped rule sets."""
-    return sorted(_shipped())
+def rule_set_names(registry: Registry | None = None) -> list[str]:
+    """The installed rule sets."""
+    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
 
 
-def _shipped() -> dict[str, Path]:
-    shipped = {}
-    for name, path in shipped_rules().items():
-        folder, _, last = name.rpartition(".")
-        if last not in _NOT_RULE_SETS and not name.startswith(PREFIX):
-            shipped[folder if last == _DEFAULT else name] = path
-    return shipped
+def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
+    """Every installed rule set that can be used; what is wrong with another one stops only what names it."""
+    found: list[RuleSet] = []
+    registry = registry or Registry()
+    for name in rule_set_names(registry):
+        with suppress(ScoreError):
+            found.append(load_rule_set(name, registry))
+    return found
 
 
-def load_rule_set(name: str) -> RuleSet:
-    """Load a shipped rule set by name, or one from a file by its path.
+def load_rule_set(name: str, registry: Registry | None = None) -> RuleSet:
+    """Load an installed rule set by name, or one from a file by its path.
 
     Args:
         name: Such as `paper2020`, or a path ending in `.yaml`.
+        registry: What is installed, where the caller has it already.
 
     Raises:
         UsageError: There is no rule set of that name.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(_declared(with_penalty(_expanded(_path_of(name, Path()), ()))))
+    registry = registry or Registry()
+    return _parsed(
+        _declared(with_penalty(_expanded(_path_of(name, Path(), registry), (), registry)), registry)
+    )
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -279,14 +294,14 @@ def _with_competition(document: YamlDocument) -> YamlDocument:
     return document
 
 
-def _refuse_its_parameters(document: YamlDocument) -> None:
+def _refuse_its_parameters(document: YamlDocument, registry: Registry | None = None) -> None:
     """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
 
     Raises:
         RuleSetError: Naming the key and the line to write.
     """
     for key, value in _unknown_keys(document).items():
-        for name in _competitions_with(key, Registry()):
+        for name in _competitions_with(key, registry or Registry()):
             raise RuleSetError(
                 f"{key!r} is a parameter of the competition",
                 file=document.file,
@@ -334,20 +349,20 @@ def expanded_yaml(rule_set: RuleSet) -> str:
     return rule_set.text
 
 
-def _path_of(name: str, folder: Path) -> Path:
+def _path_of(name: str, folder: Path, registry: Registry) -> Path:
     """The file of a rule set, by name or by path relative to a folder."""
     if name.endswith((".yaml", ".yml")) or "/" in name:
         return folder / name
-    shipped = _shipped()
-    if name not in shipped:
+    try:
+        return registry.file(GROUP, name).path
+    except PluginNotFoundError:
+        known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
         raise UsageError(
-            f"there is no rule set {name!r}",
-            hint=did_you_mean(name, shipped, what="shipped rule sets") + "; a path to a .yaml file works too",
-        )
-    return shipped[name]
+            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+        ) from None
 
 
-def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
+def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = load_yaml(path, error=RuleSetError)
     _refuse_its_parameters(document)
@@ -365,7 +380,7 @@ def _expanded(path: Path, below: tuple[Path, ...]) -> YamlDocument:
             hint="one must stand alone",
         )
     try:
-        base = _expanded(_path_of(base_name, path.parent), (*below, path.resolve()))
+        base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
@@ -455,7 +470,7 @@ def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) ->
     return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
 
 
-def _declared(document: YamlDocument) -> YamlDocument:
+def _declared(document: YamlDocument, registry: Registry | None = None) -> YamlDocument:
     """The rule set with its levels and facts written out, its own before those of its competition.
 
     So that a result, which holds this text, is priced again without any plugin.
@@ -468,7 +483,7 @@ def _declared(document: YamlDocument) -> YamlDocument:
     if {"levels", "facts"} <= data.keys():
         return document
     named = _competition(document)
-    levels, facts = _of_competition(named, document.file) if named else ((TRIAL,), {})
+    levels, facts = _of_competition(named, document.file, registry or Registry()) if named else ((TRIAL,), {})
     levels = tuple(data.get("levels", levels))
     own = data.get("facts", {})
     both = {
@@ -479,9 +494,10 @@ def _declared(document: YamlDocument) -> YamlDocument:
     return replace(document, data={**data, "levels": list(levels), "facts": both})
 
 
-def _of_competition(named: Check, file: str) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
+def _of_competition(
+    named: Check, file: str, registry: Registry
+) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
     """Levels and facts that a competition declares, as a rule set writes them."""
-    registry = Registry()
     competition = _built(named, registry, file)
     try:
         levels = tuple(getattr(competition, "levels", (TRIAL,)))

@@ -16,7 +16,15 @@ from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced
 from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact, check_levels, no_such_level
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["CHECK_FUNCTIONS", "VIOLATION_FUNCTIONS", "ScoreSheet"]
+__all__ = [
+    "AGGREGATES",
+    "CHECK_FUNCTIONS",
+    "VIOLATION_FUNCTIONS",
+    "Pricing",
+    "ScopeNames",
+    "ScoreSheet",
+    "scopes_inside",
+]
 
 _COHORT, _RUNS = "cohort", "runs"
 _NO_COHORT = CohortValues()
@@ -67,9 +75,9 @@ Source: ARIAC 2025, penalties; monitor catalogue, section 3.
 """
 VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
 """The functions of violations, rather than of points or measured numbers."""
-_AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
+AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
 _ABSENT = "absent"
-_KNOWN = frozenset({*CHECK_FUNCTIONS, *FUNCTIONS, *_AGGREGATES, _ABSENT})
+_KNOWN = frozenset({*CHECK_FUNCTIONS, *FUNCTIONS, *AGGREGATES, _ABSENT})
 """Every function of the language."""
 
 
@@ -214,7 +222,7 @@ class ScoreSheet:
             NeedsCohortError: The score needs a value across teams that is not given.
             FormulaError: Naming the term and the scope in which it cannot be evaluated.
         """
-        return _Pricing(self, trial, findings, cohort).root(self.score, "score")
+        return Pricing(self, trial, findings, cohort).root(self.score, "score")
 
     def evaluate_task(self, trial: Scope, findings: Mapping[str, Finding]) -> Traced | None:
         """The task score, before any value across teams enters; `None` when the sheet has none.
@@ -222,9 +230,7 @@ class ScoreSheet:
         Raises:
             FormulaError: It has no value here.
         """
-        return (
-            _Pricing(self, trial, findings, _NO_COHORT).root(self.task, "task score") if self.task else None
-        )
+        return Pricing(self, trial, findings, _NO_COHORT).root(self.task, "task score") if self.task else None
 
     def evaluate_in(
         self,
@@ -247,9 +253,9 @@ class ScoreSheet:
         Raises:
             FormulaError: It has no value in one of the scopes.
         """
-        pricing = _Pricing(self, trial, findings, cohort)
-        scopes = [(trial, ())] if level == "trial" else _inside(trial, level, ())
-        return {scope.path: formula.evaluate(_Environment(pricing, scope, outer)) for scope, outer in scopes}
+        pricing = Pricing(self, trial, findings, cohort)
+        scopes = [(trial, ())] if level == "trial" else scopes_inside(trial, level, ())
+        return {scope.path: formula.evaluate(ScopeNames(pricing, scope, outer)) for scope, outer in scopes}
 
     def check_formula(self, formula: Expression, level: str) -> None:
         """Find misspelt names in a formula that stands outside the sheet.
@@ -312,12 +318,11 @@ class ScoreSheet:
         for key, levels in stated.items():
             for level in levels:
                 if level not in self.levels:
-                    what = f"{key} are given for each"
-                    raise no_such_level(level, self.levels, place=f"$.{key}.{level}", what=what)
+                    raise no_such_level(level, self.levels, place=f"$.{key}.{level}", where=key)
         for term in self.cohort.values():
             if term.level not in self.levels:
-                what = f"cohort.{term.name} is of each"
-                raise no_such_level(term.level, self.levels, place=f"$.cohort.{term.name}.of", what=what)
+                where = f"cohort.{term.name}"
+                raise no_such_level(term.level, self.levels, place=f"$.{where}.of", where=where)
         for name in ALWAYS[TRIAL].keys() & self.facts.get(TRIAL, {}).keys():
             if self.facts[TRIAL][name].type == TEXT:
                 raise FormulaError(
@@ -403,7 +408,7 @@ class ScoreSheet:
             self._validate_absent(formula, call, level)
             return {id(argument) for argument in call.args}
         # count() is an aggregate as well, but never of a bare name.
-        if function in CHECK_FUNCTIONS and (function not in _AGGREGATES or isinstance(first, ast.Name)):
+        if function in CHECK_FUNCTIONS and (function not in AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
                 given = ast.unparse(first) if first else "nothing"
                 raise FormulaError(
@@ -464,8 +469,8 @@ class ScoreSheet:
         elif prefix in (_RUNS, *self.checks):
             names = []
         else:
-            what = f"unknown name {dotted!r}: it is of each"
-            raise no_such_level(prefix, self.levels, place=formula.where, what=what)
+            where = f"unknown name {dotted!r}"
+            raise no_such_level(prefix, self.levels, place=formula.where, where=where)
         if name not in names:
             hint = did_you_mean(name, names, what="known here")
             if prefix in self.levels:
@@ -486,7 +491,7 @@ class ScoreSheet:
         return self.levels.index(level)
 
 
-class _Pricing:
+class Pricing:
     """One evaluation of a sheet over one trial; every term of every scope is evaluated once."""
 
     def __init__(
@@ -503,7 +508,7 @@ class _Pricing:
     def root(self, formula: Expression, label: str) -> Traced:
         """A formula of the whole trial, such as its score."""
         try:
-            value = formula.evaluate(_Environment(self, self.trial, ()))
+            value = formula.evaluate(ScopeNames(self, self.trial, ()))
         except FormulaError as error:
             error.place = error.place or formula.where
             raise
@@ -516,7 +521,7 @@ class _Pricing:
         if key not in self._terms:
             formula = self.sheet.terms[scope.level][name]
             try:
-                value = formula.evaluate(_Environment(self, scope, outer))
+                value = formula.evaluate(ScopeNames(self, scope, outer))
             except FormulaError as error:
                 error.place = error.place or formula.where
                 if scope.path and scope.path not in error.place:
@@ -530,13 +535,14 @@ class _Pricing:
         return {k: f for k, f in self._by_check.get(check, ()) if scope.contains(f.subject)}
 
 
-class _Environment:
+class ScopeNames:
     """What names and functions mean within one scope."""
 
-    def __init__(self, pricing: _Pricing, scope: Scope, outer: tuple[Scope, ...]) -> None:
+    def __init__(self, pricing: Pricing, scope: Scope, outer: tuple[Scope, ...]) -> None:
         self.pricing, self.scope, self.outer = pricing, scope, outer
 
     def name(self, dotted: str) -> Traced:
+        """The value of a name, as `Environment` has it."""
         prefix, _, name = dotted.rpartition(".")
         sheet = self.pricing.sheet
         if not prefix and name in sheet.parameters:
@@ -625,6 +631,7 @@ class _Environment:
     def call(
         self, function: str, arguments: Sequence[Expression], options: Mapping[str, Number]
     ) -> Traced | None:
+        """The value of a function on checks or scopes, as `Environment` has it."""
         first = arguments[0].as_name if arguments else ""
         if function == _ABSENT:
             return self._absent(first)
@@ -635,8 +642,8 @@ class _Environment:
             return self._charged(options)
         if function in CHECK_FUNCTIONS and first in self.pricing.sheet.checks:
             return self._of_check(function, first, arguments[1:], options)
-        level = self._inner_level(arguments) if len(arguments) == 1 else ""
-        if function in _AGGREGATES and level:
+        level = self.inner_level(arguments) if len(arguments) == 1 else ""
+        if function in AGGREGATES and level:
             return self._aggregate(function, arguments[0], level)
         return None
 
@@ -645,7 +652,7 @@ class _Environment:
         scope = self._scope(level, dotted)
         return Traced(f"absent({dotted})", int(self._fact(scope, name) is None), "fact", subject=scope.path)
 
-    def _inner_level(self, arguments: Iterable[Expression]) -> str:
+    def inner_level(self, arguments: Iterable[Expression]) -> str:
         """The outermost level below this one that the argument names."""
         levels = self.pricing.sheet.levels
         inner = levels[: levels.index(self.scope.level)]
@@ -659,8 +666,8 @@ class _Environment:
         return next((level for level in reversed(inner) if level in named), "")
 
     def _aggregate(self, function: str, argument: Expression, level: str) -> Traced:
-        inside = _inside(self.scope, level, self.outer)
-        each = [argument.evaluate(_Environment(self.pricing, scope, outer)) for scope, outer in inside]
+        inside = scopes_inside(self.scope, level, self.outer)
+        each = [argument.evaluate(ScopeNames(self.pricing, scope, outer)) for scope, outer in inside]
         scoped = tuple(
             Traced(value.label, value.value, "each", "value", (value,), subject=scope.path)
             for value, (scope, _) in zip(each, inside, strict=True)
@@ -688,10 +695,10 @@ class _Environment:
     def _of_check(
         self, function: str, check: str, rest: Sequence[Expression], options: Mapping[str, Number]
     ) -> Traced:
-        findings = self._findings_of(check)
+        findings = self.findings_of(check)
         shown = ", ".join([check, *(r.source for r in rest), *(f"{k}={v:g}" for k, v in options.items())])
         label = f"{function}({shown})"
-        value, parts = self._value_and_shares(function, findings, rest, options, label)
+        value, parts = self.value_and_shares(function, findings, rest, options, label)
         # `measure(check, quantity)` alone has a unit of its own: that of the quantity.
         unit = _unit_of(findings, rest[0].source) if function == "measure" else _UNITS.get(function, "")
         return self._trace(function, (check,), label, value, parts, findings, unit)
@@ -708,12 +715,23 @@ class _Environment:
                 )
         if not again_after_s > 0:
             raise FormulaError(f"{label}: again_after_s must be positive", hint="give a time in s, such as 5")
-        findings = {key: f for name in weights for key, f in self._findings_of(name).items()}
+        findings = {key: f for name in weights for key, f in self.findings_of(name).items()}
         shares = charge(findings, weights, again_after_s=again_after_s)
         value = add_up(share for _, share in shares)
         return self._trace("charged", tuple(weights), label, value, shares, findings)
 
-    def _findings_of(self, check: str) -> dict[str, Finding]:
+    def term_of(self, dotted: str) -> tuple[Scope, str, tuple[Scope, ...]] | None:
+        """The scope, the name and the scopes around it of the term that a name means; `None` for others."""
+        prefix, _, name = dotted.rpartition(".")
+        sheet, level = self.pricing.sheet, prefix or self.scope.level
+        if prefix == _RUNS:
+            return self.pricing.trial, name, ()
+        if prefix == _COHORT or level != self.scope.level or (not prefix and name in sheet.parameters):
+            return None
+        known = name in sheet.terms.get(level, {}) and name not in self.scope.facts
+        return (self.scope, name, self.outer) if known else None
+
+    def findings_of(self, check: str) -> dict[str, Finding]:
         """The findings of a check within this scope.
 
         Raises:
@@ -755,7 +773,7 @@ class _Environment:
             unit=unit,
         )
 
-    def _value_and_shares(
+    def value_and_shares(
         self,
         function: str,
         findings: Mapping[str, Finding],
@@ -819,13 +837,15 @@ def _names(formula: Expression, checks: frozenset[str]) -> Iterator[str]:
             yield ast.unparse(node)
 
 
-def _inside(scope: Scope, level: str, outer: tuple[Scope, ...]) -> list[tuple[Scope, tuple[Scope, ...]]]:
+def scopes_inside(
+    scope: Scope, level: str, outer: tuple[Scope, ...]
+) -> list[tuple[Scope, tuple[Scope, ...]]]:
     """The scopes of a level inside one, each with those around it from the inside out."""
     around = (scope, *outer)
     return [
         found
         for inner in scope.inner
-        for found in ([(inner, around)] if inner.level == level else _inside(inner, level, around))
+        for found in ([(inner, around)] if inner.level == level else scopes_inside(inner, level, around))
     ]
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS
-from ariac_score.checks.registry import Plugin, Registry, package_sha256, unreadable_distributions
+from ariac_score.checks.registry import FILE_GROUPS, DataFile, Plugin, Registry, package_sha256
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
+from ariac_score.installed.points import unreadable_distributions
+from ariac_score.logs.logmap import load_log_map
+from ariac_score.scoring.penalties import load_penalty
+from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing.contract_check import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
 
@@ -61,12 +65,51 @@ def ailments() -> list[Ailment]:
     for group in OTHER_GROUPS:
         for plugin in registry.all(group):
             found += (Ailment(plugin.origin, *problem) for problem in _conflicts(registry, plugin))
+    for group in FILE_GROUPS:
+        for plugin in registry.all(group):
+            found += (Ailment(plugin.origin, *problem) for problem in _of_files(registry, plugin))
     return found
+
+
+def _of_files(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
+    """What is wrong with the files that an entry point brings."""
+    try:
+        plugin.path()
+    except PluginError as error:
+        yield error.fault, error.hint
+        return
+    files = [file for file in registry.files(plugin.group) if file.plugin == plugin]
+    if not files:
+        yield "names a folder without any such file", "put .yaml files there, or name another folder"
+    for file in files:
+        try:
+            registry.file(plugin.group, file.name)
+            own_id = _LOADERS[plugin.group](file, registry)
+        except ScoreError as error:
+            yield f"{file.name}: {error.cause}", error.hint
+            continue
+        if own_id != file.name:
+            words = f"has the id {own_id!r}, and is called {file.name!r}"
+            yield words, "results name rules and log maps by their id; let both be the same"
+
+
+def _rule_set_id(file: DataFile, registry: Registry) -> str:
+    rule_set = load_rule_set(file.name, registry)
+    rule_set.build(registry)
+    return rule_set.id
+
+
+_LOADERS: Mapping[str, Callable[[DataFile, Registry], str]] = {
+    "ariac_score.rule_sets": _rule_set_id,
+    "ariac_score.log_maps": lambda file, registry: load_log_map(file.name, registry=registry).id,
+    "ariac_score.penalties": lambda file, _: load_penalty(file.name, folder=file.path.parent).id,
+}
+"""Loads a file of each group as scoring does, and gives its id."""
 
 
 def _unknown_groups(registry: Registry) -> Iterator[Ailment]:
     """Plugins that nothing uses: their group is misspelt, or of another version."""
-    known = [*GROUPS, *OTHER_GROUPS]
+    known = [*GROUPS, *OTHER_GROUPS, *FILE_GROUPS]
     for group in registry.groups():
         for plugin in registry.all(group) if group not in known else ():
             yield Ailment(

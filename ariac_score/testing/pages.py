@@ -17,7 +17,7 @@ from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_
 from ariac_score.engine.ask import ask
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ScoreError
-from ariac_score.scoring.ruleset import load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import installed_rule_sets
 from ariac_score.testing.made import made_trial
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
@@ -185,8 +185,8 @@ def example_parameters(plugin: Plugin) -> dict[str, Any]:
 def _shipped_uses() -> dict[str, Mapping[str, Any]]:
     """Parameters by plugin, from the first shipped rule set that gives it any."""
     uses: dict[str, Mapping[str, Any]] = {}
-    for name in rule_set_names():
-        for check in load_rule_set(name).checks.values():
+    for rule_set in installed_rule_sets():
+        for check in rule_set.checks.values():
             if check.parameters:
                 uses.setdefault(check.use, check.parameters)
     return uses

@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ariac_score.checks.captured_output import quiet
 from ariac_score.checks.contracts import LogDescription, Reader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.ask import SMALLEST_LOG_SAMPLES, budget_of
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.installed.captured_output import quiet
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.testing.contract_check import (
     HINT,
     ContractCheck,
@@ -25,7 +26,6 @@ from ariac_score.testing.contract_check import (
 )
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 

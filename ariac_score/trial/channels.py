@@ -1,6 +1,6 @@
 """Which topic, field, model or frame becomes which signal: the parsed form of a log map.
 
-`ariac_score.trial.logmap` loads it from YAML; readers follow it.
+`ariac_score.logs.logmap` loads it from YAML; readers follow it.
 """
 
 from __future__ import annotations

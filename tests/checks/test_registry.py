@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -237,10 +238,10 @@ def test_the_order_of_the_path_chooses_no_referee(install: Install, first: str) 
 
 
 def test_one_distribution_seen_twice_is_no_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
-    twice = [Plugin("fair.play", RULES, "m:A", "fair-play", version) for version in ("1.0", "1.0")]
-    monkeypatch.setattr("ariac_score.checks.registry._installed", lambda: iter(twice))
+    (once,) = entry_points(group=RULES, name="kitting.pose")
+    monkeypatch.setattr("ariac_score.installed.points.entry_points", lambda: EntryPoints([once, once]))
 
-    assert Registry().find(RULES, "fair.play") == twice[0]
+    assert Registry().find(RULES, "kitting.pose").target == once.value
 
 
 BROKEN = {

@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 
 from ariac_score.checks.registry import Registry
 from ariac_score.documents import yaml as datafiles
-from ariac_score.documents.schema import schema, schema_errors, shipped_rules, validate
+from ariac_score.documents.schema import schema, schema_errors, validate
 from ariac_score.documents.yaml import (
     LARGEST_INTEGER,
     MAX_BYTES,
@@ -419,13 +419,6 @@ def test_every_shipped_schema_is_closed(name: str) -> None:
 def test_every_key_that_is_required_is_described(name: str) -> None:
     for where, node in objects(schema(name)):
         assert set(node.get("required", [])) <= set(node["properties"]), where
-
-
-def test_shipped_rules_are_named_by_folder_and_file() -> None:
-    shipped = shipped_rules()
-
-    assert {"paper2020.ruleset", "ariac2020.log_map", "ariac2022.as_coded"} <= set(shipped)
-    assert all(path.is_file() for path in shipped.values())
 
 
 def test_a_key_may_be_given_twice_where_the_caller_lets_it() -> None:

@@ -35,10 +35,11 @@ from ariac_score import (
     price_trial,
     score_trial,
 )
-from ariac_score.checks.registry import Plugin, Registry, _installed
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import DataFileError, LogError, PluginError
+from ariac_score.installed.points import installed_points
 from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
 from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
@@ -416,7 +417,9 @@ def play(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
         module = f"stranger_check_{next(number)}"  # a module of its own, for Python remembers them
         (tmp_path / f"{module}.py").write_text(f"{head}    def {method}:\n{lines}", encoding="utf-8")
         stranger = Plugin("odd.check", f"ariac_score.{group}", f"{module}:Check", "odd-rules", "6.6")
-        monkeypatch.setattr("ariac_score.checks.registry._installed", lambda: iter([*_installed(), stranger]))
+        monkeypatch.setattr(
+            "ariac_score.checks.registry.installed_points", lambda: [*installed_points(), stranger]
+        )
         file = tmp_path / "odd.yaml"
         file.write_text(
             f"{{id: odd, title: odd, source: test, log_map: ariac2020, "

@@ -250,7 +250,7 @@ def test_where_no_check_is_left_a_sum_takes_nothing(tmp_path: Path, join: str, s
     ("text", "cause", "hint"),
     [
         ("include: [penalty.gated]\n" + SAFETY, "no penalty 'penalty.gated'", "penalty.gate"),
-        ("include: [paper2020]\n" + SAFETY, "no penalty 'paper2020'", "shipped penalties"),
+        ("include: [paper2020]\n" + SAFETY, "no penalty 'paper2020'", "installed penalties"),
         ("include: [./nowhere.yaml]\n" + SAFETY, "no such file", "check the path"),
         ("include: []\n" + SAFETY, "should be non-empty", ""),
         ("include: [penalty.gate, penalty.product]\n" + SAFETY, "too long", ""),

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import ariac_score.rules
 import pytest
 
 from ariac_score.checks.contracts import Monitor, Rule
-from ariac_score.checks.registry import Registry
-from ariac_score.documents.schema import shipped_rules
+from ariac_score.checks.registry import FILE_GROUPS, Registry
 from ariac_score.errors import FormulaError, PluginNotFoundError, RuleSetError, ScoreError, UsageError
-from ariac_score.scoring.penalties import penalty_names
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text, rule_set_names
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import FACTS
-from ariac_score.trial.logmap import load_log_map
 
 REGISTRY = Registry()
 SOUND = """\
@@ -71,12 +70,11 @@ def refusal(path: Path, old: str, new: str, kind: type[ScoreError]) -> ScoreErro
 
 
 def test_every_shipped_yaml_file_is_a_rule_set_a_log_map_or_a_penalty() -> None:
-    maps = [name for name in shipped_rules() if name.endswith(".log_map")]
-    penalties = [*penalty_names(), "penalty.classes"]
+    registry, folder = Registry(), Path(ariac_score.rules.__path__[0])
+    brought = [file.path for group in FILE_GROUPS for file in registry.files(group)]
 
-    assert rule_set_names()
-    assert {*rule_set_names(), *penalties}.isdisjoint(maps)
-    assert len(rule_set_names()) + len(maps) + len(penalties) == len(shipped_rules())
+    assert len(brought) == len(set(brought))
+    assert {*brought, folder / "penalty/classes.yaml"} == {*folder.rglob("*.yaml")}
 
 
 @pytest.mark.parametrize("name", rule_set_names())
@@ -382,7 +380,7 @@ def test_a_parameter_that_is_no_number_is_refused_when_a_formula_uses_it(written
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("paper202", "did you mean 'paper2020'?"), ("", "shipped rule sets"), ("x y", "a path to")],
+    [("paper202", "did you mean 'paper2020'?"), ("", "installed rule sets"), ("x y", "a path to")],
 )
 def test_an_unknown_rule_set_is_a_mistake_in_the_command(name: str, hint: str) -> None:
     with pytest.raises(UsageError, match="there is no rule set") as refused:

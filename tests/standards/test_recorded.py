@@ -18,10 +18,10 @@ import pytest
 from ariac_score import Finding, Verdict, score_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.results.result import Result
 from ariac_score.scoring.expression import Expression, add_up
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import align
 from ariac_score_standards import SsmSeparation

@@ -9,7 +9,7 @@ from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.proving import Outcome, check_laws
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.penalties import Penalty, load_penalty, penalty_names
-from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
+from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, installed_rule_sets
 
 __all__ = ["DEFAULT", "REFERENCE_EVENTS", "penalties_page", "reference_rules"]
 
@@ -83,9 +83,9 @@ def _shipped() -> Iterator[str]:
     """What shipped rule sets say about themselves."""
     yield _SHIPPED
     laws = {law.name: law.says for law in LAWS}
-    for name in rule_set_names():
-        for law, because in load_rule_set(name).breaks.items():
-            yield f"| `{name}` | {laws[law]} | {because} |\n"
+    for rule_set in installed_rule_sets():
+        for law, because in rule_set.breaks.items():
+            yield f"| `{rule_set.id}` | {laws[law]} | {because} |\n"
 
 
 def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:

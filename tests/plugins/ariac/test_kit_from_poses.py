@@ -22,8 +22,8 @@ from ariac_score import score_trial
 from ariac_score.checks.contracts import Wanted
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gazebo import GazeboStateReader
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
-from ariac_score.trial.logmap import load_log_map
 from ariac_score.trial.model import Kit, Pose, Product, Tray
 from ariac_score_ariac.fault_marks import by_challenges, by_list
 from ariac_score_ariac.kit_from_poses import KitsOfModels, part_type, product_type

@@ -8,8 +8,8 @@ import pytest
 
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogMapError
+from ariac_score.logs.logmap import load_log_map, log_map_names
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, TrayMatch
-from ariac_score.trial.logmap import load_log_map, log_map_names
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 

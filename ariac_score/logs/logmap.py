@@ -2,55 +2,141 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
-from ariac_score.documents.schema import shipped_rules, validate
+import yaml
+
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
-from ariac_score.errors import LogMapError, did_you_mean
+from ariac_score.errors import LogMapError, PluginNotFoundError, did_you_mean
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
 
-__all__ = ["is_log_map_file", "load_log_map", "log_map_names"]
+__all__ = ["is_log_map_file", "load_log_map", "log_map_names", "stand_alone"]
 
-_FILE = "log_map"
+GROUP = "ariac_score.log_maps"
+
+MAX_EXTENDS = 8
+"""Log maps that may extend each other in a row."""
 
 
-def log_map_names() -> list[str]:
-    """The names of the shipped log maps."""
-    return sorted(name.rpartition(".")[0] for name in shipped_rules() if name.rpartition(".")[2] == _FILE)
+def log_map_names(registry: Registry | None = None) -> list[str]:
+    """The names of the installed log maps."""
+    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
 
 
 def is_log_map_file(name: str) -> bool:
-    """Whether a log map is named by the path of a file; no shipped one has such a name."""
+    """Whether a log map is named by the path of a file; no installed one has such a name."""
     return name.endswith((".yaml", ".yml")) or "/" in name
 
 
-def load_log_map(name: str, *, beside: Path | None = None) -> LogMap:
-    """Load a shipped log map by name, or one from a file by its path.
+def load_log_map(name: str, *, beside: Path | None = None, registry: Registry | None = None) -> LogMap:
+    """Load an installed log map by name, or one from a file by its path, with what it extends.
 
     Args:
         name: Such as `ariac2020`, or a path ending in `.yaml`.
         beside: Folder that a relative path starts from; by default the current one.
+        registry: What is installed, where the caller has it already.
 
     Raises:
         LogMapError: Unknown name, malformed file, or a signal that does not fit
             the vocabulary.
+        PluginError: Two distributions bring it, or its entry point leads nowhere.
     """
+    registry = registry or Registry()
+    return _parsed(_expanded(_path_of(name, beside or Path(), registry), (), registry))
+
+
+def _path_of(name: str, folder: Path, registry: Registry) -> Path:
     if is_log_map_file(name):
-        path = (beside or Path()) / name
-    else:
-        shipped = shipped_rules().get(f"{name}.{_FILE}")
-        if shipped is None:
-            raise LogMapError(
-                f"there is no log map {name!r}",
-                hint=did_you_mean(name, log_map_names(), what="shipped log maps"),
-            )
-        path = shipped
+        return folder / name
+    try:
+        return registry.file(GROUP, name).path
+    except PluginNotFoundError:
+        raise LogMapError(
+            f"there is no log map {name!r}",
+            hint=did_you_mean(name, log_map_names(registry), what="installed log maps"),
+        ) from None
+
+
+def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
+    """The document of a log map with what it extends merged in."""
     document = load_yaml(path, error=LogMapError)
     validate(document, "log_map", error=LogMapError)
-    return _parsed(document)
+    base_name = document.data.pop("extends", None)
+    if base_name is None:
+        return document
+    place = document.place(["extends"])
+    if path.resolve() in below or len(below) >= MAX_EXTENDS:
+        raise LogMapError(
+            "log maps extend each other in a circle", file=path, place=place, hint="one must stand alone"
+        )
+    try:
+        found = _path_of(base_name, path.parent, registry)
+    except LogMapError as error:
+        error.file, error.place = str(path), place
+        raise
+    base = _expanded(found, (*below, path.resolve()), registry)
+    _parsed(base)  # what is wrong with it is said of its own file
+    # The hash covers the base, or an edit there would change what is read under an unchanged hash.
+    both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
+    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def stand_alone(path: Path) -> bytes:
+    """The text of a log map file that needs no other: its own where it extends nothing.
+
+    Raises:
+        LogMapError: As for `load_log_map`.
+    """
+    document = _expanded(path, (), Registry())
+    _parsed(document)
+    if "extends" not in load_yaml(path, error=LogMapError).data:
+        return path.read_bytes()
+    return yaml.safe_dump(document.data, sort_keys=False, allow_unicode=True).encode()
+
+
+def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """The base with what is new or changed, key by key; in lists of channels and patterns entry by entry."""
+    merged = {**base, **own}
+    for key in base.keys() & own.keys():
+        if isinstance(base[key], dict) and isinstance(own[key], dict):
+            merged[key] = _merged(base[key], own[key])
+        elif isinstance(base[key], list) and any(map(_keyed, (*base[key], *own[key]))):
+            merged[key] = _merged_entries(base[key], own[key])
+    return merged
+
+
+def _keyed(entry: Any) -> bool:
+    return isinstance(entry, dict) and ("topic" in entry or "match" in entry)
+
+
+def _merged_entries(base: list[Any], own: list[Any]) -> list[Any]:
+    """Own entries first: of two patterns that fit a name the first counts, and lines stay as in the file."""
+    first, others, rest = list(own), [], []
+    extended: set[int] = set()
+    for entry in base:
+        fitting = next((k for k, one in enumerate(own) if _same(one, entry)), None)
+        if fitting is None:
+            rest.append(entry)
+        elif fitting in extended:  # an entry without a type extends the channels of all types of a topic
+            others.append(_merged(entry, own[fitting]))
+        else:
+            extended.add(fitting)
+            first[fitting] = _merged(entry, own[fitting])
+    return [*first, *others, *rest]
+
+
+def _same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two entries are about one topic (of one message type) or one pattern."""
+    for key in ("topic", "match"):
+        if str(one.get(key, "")).lstrip("/") != str(other.get(key, "")).lstrip("/"):
+            return False
+    return one.get("type", other.get("type")) == other.get("type", one.get("type"))
 
 
 def _parsed(document: YamlDocument) -> LogMap:

@@ -1,0 +1,1 @@
+"""What the installed distributions bring by entry point, and what their code prints, held back."""
