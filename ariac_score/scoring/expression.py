@@ -84,7 +84,7 @@ class Environment(Protocol):
 class HasTexts(Environment, Protocol):
     """An environment in which some names stand for texts."""
 
-    def text(self, dotted: str) -> str | None:
+    def text_named(self, dotted: str) -> str | None:
         """The text that a name stands for; `None` when it stands for a number."""
         ...
 
@@ -388,7 +388,7 @@ class _Evaluator:
 
     def __init__(self, expression: Expression, environment: Environment) -> None:
         self.expression, self.environment = expression, environment
-        self.names_of_texts: Callable[[str], str | None] | None = getattr(environment, "text", None)
+        self.names_of_texts: Callable[[str], str | None] | None = getattr(environment, "text_named", None)
 
     def error(self, cause: str, node: ast.expr, hint: str = "") -> FormulaError:
         text, whole = text_of(node), self.expression.source

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ariac_score.errors import FormulaError, did_you_mean
 from ariac_score.scoring.expression import Expression, Number, Traced, add_up
-from ariac_score.scoring.levels import TRIAL, no_such_level
+from ariac_score.scoring.levels import TRIAL
 
 __all__ = [
     "FACTS_OF_TEXT",
@@ -138,10 +138,6 @@ class PrintedText:
     levels: tuple[str, ...] = (TRIAL,)
 
     def __post_init__(self) -> None:
-        for each in (*self.items, *self.sums):
-            if each.level not in self.levels:
-                key = "printed" if isinstance(each, PrintedItem) else "adds_up"
-                raise no_such_level(each.level, self.levels, place=f"$.{key}.{each.level}", where=key)
         for one in self.sums:
             self._validate(one)
 

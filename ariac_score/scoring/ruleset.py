@@ -32,6 +32,7 @@ from ariac_score.scoring.levels import (
     check_levels,
     declared_facts,
     facts_as_written,
+    no_such_level,
 )
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
@@ -241,9 +242,8 @@ def load_rule_set(name: str, registry: Registry | None = None) -> RuleSet:
         FormulaError: A formula cannot be parsed or names something unknown.
     """
     registry = registry or Registry()
-    return _parsed(
-        _declared(with_penalty(_expanded(_path_of(name, Path(), registry), (), registry)), registry)
-    )
+    whole = with_penalty(_expanded(_path_of(name, Path(), registry), (), registry))
+    return _parsed(_declared(whole, registry))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -264,7 +264,7 @@ def _alone(text: str, file: str) -> RuleSet:
     for key in ("extends", "include", "safety"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
-    return _parsed(_declared(document))
+    return _parsed(document)
 
 
 _LEVELS_BEFORE = ("part", "submission", "order", TRIAL)
@@ -480,8 +480,6 @@ def _declared(document: YamlDocument, registry: Registry | None = None) -> YamlD
         RuleSetError: The competition refuses its parameters.
     """
     data = document.data
-    if {"levels", "facts"} <= data.keys():
-        return document
     named = _competition(document)
     levels, facts = _of_competition(named, document.file, registry or Registry()) if named else ((TRIAL,), {})
     levels = tuple(data.get("levels", levels))
@@ -504,13 +502,13 @@ def _of_competition(
         check_levels(levels, {})
         return levels, facts_as_written(declared_facts(getattr(competition, "facts", {})))
     except (FormulaError, ValueError, TypeError, AttributeError) as cause:
-        raise PluginError(
+        broken = PluginError(
             f"declares levels or facts that are none: {getattr(cause, 'cause', cause)}",
             origin=registry.find(named.group, named.use).origin,
-            file=file,
-            place=named.place["use"],
             hint=f"levels are names, the last is {TRIAL!r}; facts are declared by level and name",
-        ) from cause
+        )
+        broken.file, broken.place = file, named.place["use"]
+        raise broken from cause
 
 
 def _parsed(document: YamlDocument) -> RuleSet:
@@ -587,11 +585,15 @@ def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
         cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
         task=Expression.parse(data["task"], where="$.task", texts=True) if "task" in data else None,
         levels=tuple(data["levels"]),
-        facts=declared_facts(data["facts"]),
+        facts=declared_facts(data.get("facts", {})),
     )
 
 
 def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
+    for key in ("printed", "adds_up"):
+        for level in data.get(key, {}):
+            if level not in (*sheet.levels, _LAYOUTS):
+                raise no_such_level(level, sheet.levels, place=f"$.{key}.{level}", where=key)
     items = [
         _printed_item(name, level, body, sheet)
         for level, named in data.get("printed", {}).items()

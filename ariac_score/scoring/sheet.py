@@ -484,7 +484,7 @@ class ScoreSheet:
             raise FormulaError(
                 f"there is no {inner} inside a {level}",
                 place=formula.where,
-                hint=f"levels from the inside out: {', '.join(self.levels)}",
+                hint=f"levels from inside out: {', '.join(self.levels)}",
             )
 
     def _depth(self, level: str) -> int:
@@ -559,7 +559,7 @@ class ScopeNames:
             return self.pricing.term(scope, name, self.outer)
         raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
 
-    def text(self, dotted: str) -> str | None:
+    def text_named(self, dotted: str) -> str | None:
         """The text of a fact; `None` for what is no fact, or declared as a number."""
         level, _, name = dotted.rpartition(".")
         declared = self.pricing.sheet.facts_of(level).get(name)
