@@ -1,6 +1,7 @@
 """ariac-score: task rules and safety monitors over a trial log, and one explained score.
 
-Everything public is importable from here; plugins import nothing else. Names are
+Everything public is importable from here; plugins import nothing else, but what helps
+authors of monitors (`ariac_score.monitors`) and of tests (`ariac_score.testing`). Names are
 loaded when first used, so that importing the package costs next to nothing.
 
 >>> import ariac_score
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         OnlineWatch,
         Reader,
         ReaderFacts,
+        ReportPanel,
         Resolving,
         Rule,
         SignalNeed,
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
         Wanted,
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
+    from ariac_score.checks.measures import Measure
     from ariac_score.checks.parameters import (
         ParameterFacts,
         Status,
@@ -71,6 +74,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
     from ariac_score.trial.chart import Chart
     from ariac_score.trial.clock import Clock
+    from ariac_score.trial.derive import DerivedSignal
     from ariac_score.trial.events import (
         ARM_COLLISION,
         COMPETITION_ENDED,
@@ -128,6 +132,7 @@ _MODULE_OF = {
     "Chart": "ariac_score.trial.chart",
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
+    "DerivedSignal": "ariac_score.trial.derive",
     "Entry": "ariac_score.ranking.evaluation",
     "Evaluation": "ariac_score.ranking.evaluation",
     "Event": "ariac_score.trial.events",
@@ -149,6 +154,7 @@ _MODULE_OF = {
     "LogError": "ariac_score.errors",
     "LogMap": "ariac_score.trial.channels",
     "Margined": "ariac_score.checks.contracts",
+    "Measure": "ariac_score.checks.measures",
     "Measured": "ariac_score.results.result",
     "MissingSignalError": "ariac_score.errors",
     "ModelTrack": "ariac_score.trial.kits",
@@ -170,6 +176,7 @@ _MODULE_OF = {
     "QUANTITIES": "ariac_score.trial.vocabulary",
     "Quantity": "ariac_score.trial.vocabulary",
     "Reader": "ariac_score.checks.contracts",
+    "ReportPanel": "ariac_score.checks.contracts",
     "ReaderFacts": "ariac_score.checks.contracts",
     "RecordedMessage": "ariac_score.logs.messages",
     "Resolving": "ariac_score.checks.contracts",
@@ -240,6 +247,7 @@ __all__ = [
     "Cohort",
     "DataFileError",
     "Decoder",
+    "DerivedSignal",
     "Entry",
     "Evaluation",
     "Event",
@@ -263,6 +271,7 @@ __all__ = [
     "LogError",
     "LogMap",
     "Margined",
+    "Measure",
     "Measured",
     "MissingSignalError",
     "ModelTrack",
@@ -283,6 +292,7 @@ __all__ = [
     "Reader",
     "ReaderFacts",
     "RecordedMessage",
+    "ReportPanel",
     "Resolving",
     "Result",
     "Rule",

@@ -10,7 +10,8 @@
     │   └── UnknownFactError        6  it needs a fact that no record of the trial states
     ├── PluginError                 3  a plugin misbehaves
     │   ├── PluginNotFoundError     4  a name that no installed distribution provides
-    │   └── PluginConflictError     4  two distributions provide one name
+    │   ├── PluginConflictError     4  two distributions provide one name
+    │   └── LocalPluginError        4  a rule set names a file of code that is not allowed, or another one
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
@@ -31,6 +32,7 @@ __all__ = [
     "BatchError",
     "DataFileError",
     "FormulaError",
+    "LocalPluginError",
     "LogError",
     "LogMapError",
     "MissingSignalError",
@@ -152,6 +154,12 @@ class PluginNotFoundError(PluginError):
 
 class PluginConflictError(PluginError):
     """Two distributions provide one plugin name, so neither may be used."""
+
+    exit_code = 4
+
+
+class LocalPluginError(PluginError):
+    """A rule set names a file of code that the caller does not allow, that is not there, or that changed."""
 
     exit_code = 4
 

@@ -24,6 +24,7 @@ from ariac_score.batch.pricing import Measurement, Priced, Pricing
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
 from ariac_score.batch.worker import Done
+from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.provenance import code_of
@@ -116,7 +117,9 @@ def run_batch(
         ScoreError: A check of the rules cannot be built.
     """
     refuse_other_version(store.root)
-    prepared = prepare(rule_set)  # what is wrong with it is reported once, not for every run
+    prepared = prepare(
+        rule_set, registry=setting.registry(Registry())
+    )  # what is wrong with it is reported once, not for every run
     setting = replace(setting, earlier_basis=_earlier_basis(store, prepared, setting))
     description = BatchDescription(
         name,

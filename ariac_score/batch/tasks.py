@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ariac_score.checks.local import LocalFiles
+from ariac_score.checks.registry import Registry
 from ariac_score.errors import NothingToScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, load_competition
 from ariac_score.results.codec import encodable
@@ -94,6 +96,7 @@ class BatchSetting:
         earlier_basis: Basis of the rules that scored in this folder before, if their measurements hold for
             the checks that both have; empty otherwise.
         storages: The schemes of the URIs of runs, separated by commas; workers load their libraries once.
+        local_plugins: The files of code beside the rule set that the competition allows, with their SHA-256.
     """
 
     rules: str
@@ -104,11 +107,16 @@ class BatchSetting:
     ranges: bool = False
     earlier_basis: str = ""
     storages: str = ""
+    local_plugins: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> BatchSetting:
         """The setting that scores by a rule set."""
         return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits, ranges)
+
+    def registry(self, installed: Registry) -> Registry:
+        """The installed plugins, with the files of code that the competition allows."""
+        return Registry(LocalFiles(dict(self.local_plugins))) if self.local_plugins else installed
 
     def rule_set(self) -> RuleSet:
         """The rule set, as it was loaded where the batch began."""

@@ -284,7 +284,7 @@ def installed() -> Registry:
 @cache
 def prepared(setting: BatchSetting) -> tuple[Prepared, str]:
     """The rules and the basis of a setting, made once in a process and in those forked from it."""
-    rules = prepare(setting.rule_set(), registry=installed())
+    rules = prepare(setting.rule_set(), registry=setting.registry(installed()))
     expanded_yaml(rules.rule_set)  # cached, and every result holds it
     return rules, basis_of(rules)
 

@@ -36,7 +36,7 @@ def broken(plugin: Plugin, what: str, *, of: str = "") -> PluginError:
     check = f"check {of!r}: " if of else ""
     return PluginError(
         f"{check}plugin {plugin.origin} {what}",
-        hint=f"no score is given with a broken plugin; report it to the authors of {plugin.distribution}",
+        hint=f"no score is given with a broken plugin; {plugin.complaint}",
     )
 
 

@@ -19,10 +19,11 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
 from ariac_score.checks.parameters import ParameterFacts, facts_of
 from ariac_score.errors import (
+    LocalPluginError,
     PluginConflictError,
     PluginError,
     PluginNotFoundError,
@@ -32,7 +33,19 @@ from ariac_score.errors import (
 from ariac_score.installed.captured_output import quiet
 from ariac_score.installed.points import Point, installed_points, unreadable_hint
 
-__all__ = ["FILE_GROUPS", "DataFile", "Plugin", "Registry", "package_sha256"]
+__all__ = [
+    "FILE_GROUPS",
+    "LOCAL_DISTRIBUTION",
+    "DataFile",
+    "LocalFinder",
+    "Plugin",
+    "Registry",
+    "is_local",
+    "package_sha256",
+]
+
+LOCAL_DISTRIBUTION = "local file"
+"""What a result states as the distribution of a file beside a rule set; none can have a space in its name."""
 
 FILE_GROUPS: Mapping[str, str] = {
     "ariac_score.rule_sets": "ruleset",
@@ -45,8 +58,25 @@ _CLASSES = "classes"
 """Weights that all penalties share; it lies among them and is none."""
 
 
+def is_local(use: str) -> bool:
+    """Whether a rule set names code that no distribution installs: a file, or a class of a notebook.
+
+    >>> is_local("./ours.py:NearMiss"), is_local("iso_ts_15066.ssm_separation")
+    (True, False)
+    """
+    return ":" in use
+
+
 class Plugin(Point):
     """One plugin as installed, not yet imported: an entry point of one of our groups."""
+
+    def code_sha256(self) -> str:
+        """Hash of its code.
+
+        Raises:
+            PluginError: The code cannot be found on disk.
+        """
+        return package_sha256(self.package)
 
     def build(self, parameters: Mapping[str, Any], *, place: Callable[[str], str] = str) -> Any:
         """Make the plugin with its parameters.
@@ -75,6 +105,10 @@ class Plugin(Point):
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
+        self._refuse_other_contract(plugin)
+        return plugin
+
+    def _refuse_other_contract(self, plugin: Any) -> None:
         from ariac_score.checks.contracts import GROUPS  # noqa: PLC0415  # numpy, which --help does without
 
         if not isinstance(plugin, GROUPS[self.group]):
@@ -83,7 +117,23 @@ class Plugin(Point):
                 origin=self.origin,
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
-        return plugin
+
+    def value(self) -> Any:
+        """What an entry point of a group of values names, such as a `Quantity`.
+
+        Raises:
+            PluginError: It cannot be imported, or is something else.
+        """
+        from ariac_score.checks.contracts import VALUE_GROUPS  # noqa: PLC0415  # as in `build`
+
+        value, wanted = self.load(), VALUE_GROUPS[self.group]
+        if not isinstance(value, wanted):
+            raise PluginError(
+                f"is a {type(value).__name__}, not a {wanted.__name__}",
+                origin=self.origin,
+                hint=f"let the entry point name a value: NAME = {wanted.__name__}(...)",
+            )
+        return value
 
     def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
         """The parameters with the types that the plugin declares."""
@@ -235,10 +285,23 @@ _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
 _LARGEST = sys.float_info.max
 
 
-class Registry:
-    """The plugins installed here, by group and name."""
+class LocalFinder(Protocol):
+    """Finds plugins that no distribution installs; see `ariac_score.checks.local.LocalFiles`."""
 
-    def __init__(self) -> None:
+    def find(self, group: str, use: str, beside: Path | None) -> Plugin:
+        """The plugin that a rule set in a folder names."""
+        ...
+
+
+class Registry:
+    """The plugins installed here, by group and name.
+
+    Args:
+        local: Finds the files of code that the caller allows rule sets to name; by default none is allowed.
+    """
+
+    def __init__(self, local: LocalFinder | None = None) -> None:
+        self.local = local
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
         for point in installed_points():
             self._providers.setdefault((point.group, point.name), []).append(Plugin(*astuple(point)))
@@ -259,13 +322,21 @@ class Registry:
         """Everything installed under a name: none, one, or several that contradict each other."""
         return list(self._providers.get((group, name), []))
 
-    def find(self, group: str, name: str) -> Plugin:
+    def find(self, group: str, name: str, *, beside: Path | None = None) -> Plugin:
         """The plugin of that name.
+
+        Args:
+            group: Entry-point group.
+            name: As installed; or a class in a file, where the registry allows files.
+            beside: Folder of the rule set that names it, which is where such a file lies.
 
         Raises:
             PluginNotFoundError: No installed distribution provides it.
             PluginConflictError: Two do, so neither may be used.
+            LocalPluginError: It is in a file that is not allowed here.
         """
+        if is_local(name):
+            return self._find_local(group, name, beside)
         providers = self._providers.get((group, name), [])
         if not providers:
             elsewhere = [g for g, n in self._providers if n == name]
@@ -280,6 +351,21 @@ class Registry:
         if len(providers) > 1:
             raise _conflict(name, providers)
         return providers[0]
+
+    def _find_local(self, group: str, name: str, beside: Path | None) -> Plugin:
+        if name.startswith("notebook:"):
+            raise LocalPluginError(
+                f"{name!r} was a class in somebody's Python, and no file has it",
+                hint="give it again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
+            )
+        if self.local is None:
+            raise LocalPluginError(
+                f"{name!r} is code in a file, and the caller does not allow that",
+                hint="--local-plugins allows files beside your own rule set, where a command has it; a "
+                "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; all others "
+                "install plugins",
+            )
+        return self.local.find(group, name, beside)
 
     def files(self, group: str) -> list[DataFile]:
         """Every file of a group, sorted by name; those of an entry point that leads nowhere are missing.

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.result_file import load_result
 from ariac_score.review.annotate import messages_of, without_margins
@@ -32,6 +33,7 @@ def register(commands: Any) -> None:
         "--rules", default="", metavar="NAME", help="rule set instead of the one in the result"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_local_plugins(parser)
     parser.set_defaults(run=run)
 
 
@@ -45,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.rules
         else rule_set_from_text(result.rules, file="the rules in the result")
     )
-    prepared = prepare(rule_set, log_map=arguments.log_map)
+    prepared = prepare(rule_set, log_map=arguments.log_map, registry=registry_of(arguments))
     trial = read_again(result, arguments.path, prepared)
     found = tracks(result, trial, prepared)
     with recorded(messages_of(result, trial, found, frame=prepared.log_map.root_frame)) as recording:

@@ -105,7 +105,9 @@ def run(arguments: argparse.Namespace) -> int:
         rule_set = load_rule_set(plan.rules)
         setting = BatchSetting.of(rule_set, limits, ranges=arguments.ranges)
         schemes = {task.path.partition("://")[0] for task in plan.tasks if task.remote}
-        return _run(arguments, plan, rule_set, replace(setting, storages=",".join(sorted(schemes))), part)
+        allowed = tuple(sorted(plan.competition.local_plugins.items())) if plan.competition else ()
+        setting = replace(setting, storages=",".join(sorted(schemes)), local_plugins=allowed)
+        return _run(arguments, plan, rule_set, setting, part)
 
 
 def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> BatchPlan:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.review.readiness import Readiness, check_log
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
@@ -32,6 +33,7 @@ def register(commands: Any) -> None:
         "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_local_plugins(parser)
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
 
@@ -40,7 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Check and show; the exit code is 0 if it can be scored."""
     rule_set = load_rule_set(arguments.rules)
     with progress_bar(arguments.path) as progress:
-        found = check_log(arguments.path, rule_set, log_map=arguments.log_map, progress=progress)
+        found = check_log(
+            arguments.path,
+            rule_set,
+            log_map=arguments.log_map,
+            registry=registry_of(arguments),
+            progress=progress,
+        )
     if arguments.output_format == "json":
         print(json.dumps(_data(found), indent=1, sort_keys=True))
     else:

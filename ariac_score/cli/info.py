@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.registry import Registry
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
@@ -36,13 +36,14 @@ def register(commands: Any) -> None:
         "--rules", default="", metavar="NAME", help="show which checks of this rule set could be decided"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_local_plugins(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe every part, then the trial as a whole."""
     style = style_for(sys.stdout)
-    registry = Registry()
+    registry = registry_of(arguments)
     bundle, readers = find_trial(arguments.path, registry)
     damaged = False
     for part in bundle.parts:

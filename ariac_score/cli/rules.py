@@ -11,6 +11,7 @@ from typing import Any
 
 from ariac_score.checks.registry import Registry
 from ariac_score.cli.actions import add_action
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import reprice
 from ariac_score.engine.read import plugins_of_log_map
@@ -50,6 +51,7 @@ def register(commands: Any) -> None:
     diff.set_defaults(run=run_diff)
     validate = add_action(actions, "validate", "check a rule set and the plugins it names")
     validate.add_argument("names", metavar="NAME", nargs="+", help="names or .yaml files")
+    add_local_plugins(validate)
     validate.set_defaults(run=run_validate)
     check = actions.add_parser(
         "check",
@@ -68,6 +70,7 @@ def register(commands: Any) -> None:
         "--cases", type=_count, default=None, metavar="N", help="random cases for each law (default: 400)"
     )
     check.add_argument("--seed", type=int, default=0, metavar="S", help="the same seed tries the same cases")
+    add_local_plugins(check)
     check.set_defaults(run=run_check)
 
 
@@ -170,7 +173,7 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set, build its checks and load its log map."""
-    registry = Registry()
+    registry = registry_of(arguments)
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
         prepared.refuse_unknown_quantities()
@@ -184,7 +187,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
-    registry, broken, penalties = Registry(), False, penalty_names()
+    registry, broken, penalties = registry_of(arguments), False, penalty_names()
     for name in arguments.names or [*rule_set_names(registry), *penalties]:
         is_penalty = name in penalties
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.outcome import add_output, show
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
@@ -31,6 +32,7 @@ def register(commands: Any) -> None:
         "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_local_plugins(parser)
     add_cohort(parser)
     parser.add_argument(
         "--jobs",
@@ -69,7 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
     cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:
         result = score_trial(
-            arguments.path, rule_set, log_map=arguments.log_map, progress=progress, jobs=arguments.jobs
+            arguments.path,
+            rule_set,
+            log_map=arguments.log_map,
+            registry=registry_of(arguments),
+            progress=progress,
+            jobs=arguments.jobs,
         )
     if cohort is not None:
         result = reprice(result, rule_set, values_of(cohort, arguments, result))

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.registry import Registry
+from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.errors import UsageError
-from ariac_score.ranking.competition import Competition, load_competition, stored_results
+from ariac_score.ranking.competition import Competition, load_competition, registry_for, stored_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.report.sensitivity import ranks_text, scores_text
 from ariac_score.results.result import Result
@@ -43,6 +43,7 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--log", type=Path, metavar="PATH", help="the log of the result, to vary parameters of monitors too"
     )
+    add_local_plugins(parser)
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
@@ -68,7 +69,7 @@ def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], R
     if result.adjusted is not None:
         print("this is the automatic score: decisions of stewards are not varied", file=sys.stderr)
     rule_set = _rules(arguments, result)
-    found = score_sensitivity(result, rule_set, registry=Registry(), log=arguments.log)
+    found = score_sensitivity(result, rule_set, registry=registry_of(arguments), log=arguments.log)
     return found, rule_set, result.measured.trial
 
 
@@ -77,7 +78,12 @@ def _of_competition(arguments: argparse.Namespace) -> tuple[list[RankSensitivity
         raise UsageError("--log is for a result", hint="drop it: a competition names the logs of its runs")
     competition = _competition(arguments)
     rule_set = load_rule_set(competition.rules) if competition.rules else _rules_of_stored(competition)
-    registry = Registry()
+    if arguments.local_plugins:
+        raise UsageError(
+            "--local-plugins is for a result",
+            hint="a competition names the files it allows, with their SHA-256, under 'local_plugins:'",
+        )
+    registry = registry_for(competition)
     results = score_runs(competition, rule_set, registry=registry)
     return rank_sensitivity(competition, rule_set, results, registry=registry), rule_set, competition.id
 

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ariac_score.checks.registry import Registry
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.compare import differences
-from ariac_score.ranking.competition import Competition, RunKey, load_competition
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for
 from ariac_score.ranking.publication import Publication, load_publication, ranking_json
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
@@ -180,7 +179,7 @@ def _sensitivity(
     if arguments.sensitivity == NOW and competition is not None:
         assert rule_set is not None  # given together
         assert results is not None
-        return rank_sensitivity(competition, rule_set, results, registry=Registry())
+        return rank_sensitivity(competition, rule_set, results, registry=registry_for(competition))
     return load_rank_sensitivity(Path(arguments.sensitivity), ranking.competition, ranking.rule_set)
 
 

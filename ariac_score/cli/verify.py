@@ -54,18 +54,29 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--public-key", default="", metavar="KEY", help="key of the signature: a file, or the key itself"
     )
+    parser.add_argument(
+        "--local-plugins",
+        action="store_true",
+        help="run the files of code beside the rule set (--rules), if they are those that the result states",
+    )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify and show every step; the exit code is 0 if all of them hold."""
+    if arguments.local_plugins and not (arguments.rules and arguments.log):
+        raise UsageError(
+            "--local-plugins needs the rule set and the log",
+            hint="add --rules FILE, beside which the code lies, and --log PATH",
+        )
     found = verify_result(
         arguments.result,
         log=arguments.log,
         rules=arguments.rules,
         log_map=arguments.log_map,
         adjustments=arguments.adjustments,
+        local_plugins=arguments.local_plugins,
     )
     if arguments.signature is not None or arguments.public_key:
         found = _with_signature(found, arguments)

@@ -70,15 +70,13 @@ def provenance_of(
     ]
     finder = kit_plugin(log_map, registry)
     plugins += [finder] if finder else []
-    packages = {_package(plugin) for plugin in plugins}
+    code = {Code(*_package(plugin), plugin.code_sha256()) for plugin in plugins}
     return Provenance(
         inputs=inputs,
         ignored=tuple(sorted(bundle.ignored)),
         rule_set=Pinned(rule_set.id, rule_set.sha256),
         log_map=Pinned(log_map.id, log_map.sha256),
-        code=tuple(
-            sorted({Code(*engine_code()), *(Code(d, v, p, package_sha256(p)) for d, v, p in packages)})
-        ),
+        code=tuple(sorted({Code(*engine_code()), *code})),
     )
 
 
@@ -90,7 +88,7 @@ def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     """
     certain = {_package(plugin) for plugin in prepared.plugins}
     possible = {_package(p) for group in _PERHAPS for p in prepared.registry.all(group)} - certain
-    found = {engine_code(), *((*package, package_sha256(package[2])) for package in certain)}
+    found = {engine_code(), *((*_package(plugin), plugin.code_sha256()) for plugin in prepared.plugins)}
     for package in possible:
         # What cannot be imported takes no part; a run that needs it fails, and says why.
         with suppress(PluginError):

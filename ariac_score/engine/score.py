@@ -5,14 +5,17 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike, fspath
 from pathlib import Path
 
 from ariac_score.checks.guarded import open_readers
+from ariac_score.checks.local import allowing
 from ariac_score.checks.registry import Registry
+from ariac_score.documents.given import path_of
 from ariac_score.engine.measure import measure_trial, sketch_trial
-from ariac_score.engine.prepared import Prepared, prepare
+from ariac_score.engine.prepared import Rules, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
 from ariac_score.engine.read import (
@@ -34,15 +37,16 @@ __all__ = ["check_configuration", "score_trial"]
 
 
 def score_trial(
-    path: Path,
-    rules: str | RuleSet | Prepared,
+    path: str | PathLike[str],
+    rules: Rules,
     *,
-    log_map: str = "",
+    log_map: str | PathLike[str] = "",
     registry: Registry | None = None,
+    local_plugins: bool | Mapping[str, str] = False,
     progress: Progress = no_progress,
-    also: Sequence[Path] = (),
+    also: Sequence[str | PathLike[str]] = (),
     binding: bool = False,
-    root: Path | None = None,
+    root: str | PathLike[str] | None = None,
     trial_id: str = "",
     team: str = "",
     jobs: int = 0,
@@ -52,9 +56,12 @@ def score_trial(
 
     Args:
         path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
-        rules: A rule set or its name; prepared already (`prepare`) where many trials are scored by it.
+        rules: A rule set, its name or the path of its file; prepared already (`prepare`) where many trials
+            are scored by it.
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins, where the caller has them already.
+        local_plugins: Whether the rule set may name classes in files beside it, whose code is then run: all
+            of them, or those given with their SHA-256. It counts where no `registry` is given.
         progress: Called with the share done, 0 to 1.
         also: Configurations of the trial or team that lie elsewhere; where the path has
             one of its own, that one counts.
@@ -70,10 +77,13 @@ def score_trial(
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
     """
-    prepared = prepare(rules, log_map=log_map, registry=registry)
+    path = path_of(path, "the path of a log")
+    registry = registry or Registry(allowing(local_plugins))
+    prepared = prepare(rules, log_map=fspath(log_map), registry=registry)
     rule_set, registry = prepared.rule_set, prepared.registry
     bundle, readers = find_trial(path, registry)
-    bundle = with_parts(bundle, also, root or path, readers, binding=binding)
+    elsewhere = [path_of(one, "the path of a configuration") for one in also]
+    bundle = with_parts(bundle, elsewhere, path_of(root or path), readers, binding=binding)
     refuse_other_years(bundle, readers, rule_set)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)

@@ -60,6 +60,16 @@ class Point:
         """Words for messages: name, distribution, version."""
         return f"{self.name} ({self.distribution} {self.version})"
 
+    @property
+    def repair(self) -> str:
+        """What its user can do, where it cannot be imported."""
+        return f"repair or reinstall {self.distribution}"
+
+    @property
+    def complaint(self) -> str:
+        """What its user can do, where it breaks its contract."""
+        return f"report it to the authors of {self.distribution}"
+
     def load(self) -> Any:
         """Import what it names.
 
@@ -68,13 +78,18 @@ class Point:
         """
         try:
             with quiet(self.origin, deep=True):
-                return EntryPoint(self.name, self.target, self.group).load()
+                return self._object()
+        except PluginError:
+            raise
         except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
             raise PluginError(
                 f"cannot be imported: {type(cause).__name__}: {cause}",
                 origin=self.origin,
-                hint=f"repair or reinstall {self.distribution}",
+                hint=self.repair,
             ) from cause
+
+    def _object(self) -> Any:
+        return EntryPoint(self.name, self.target, self.group).load()
 
     def path(self) -> Path:
         """The file or folder that it names, for entry points of data.

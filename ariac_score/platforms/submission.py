@@ -19,6 +19,7 @@ from ariac_score.batch.outcomes import UNSETTLED, summary_of
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.checks.findings import Verdict
+from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import strict_json
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.score import check_configuration
@@ -139,8 +140,10 @@ def rules_and_log_map(setting: BatchSetting) -> dict[str, bytes]:
 
     Raises:
         LogMapError: The log map is not there, or is malformed.
+        LocalPluginError: A check is a class in a file, and a host has installed plugins alone.
     """
     rule_set = setting.rule_set()
+    rule_set.refuse_local(Registry())
     if not is_log_map_file(rule_set.log_map):
         return {RULES: setting.rules.encode()}
     file = Path(rule_set.file).parent / rule_set.log_map

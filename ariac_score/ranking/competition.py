@@ -17,12 +17,22 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ariac_score.checks.guarded import open_readers
+from ariac_score.checks.local import LocalFiles
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
 
-__all__ = ["Competition", "Run", "RunKey", "Team", "TrialPlan", "load_competition", "stored_results"]
+__all__ = [
+    "Competition",
+    "Run",
+    "RunKey",
+    "Team",
+    "TrialPlan",
+    "load_competition",
+    "registry_for",
+    "stored_results",
+]
 
 FILE = "competition.yaml"
 MAX_RUNS = 100_000
@@ -97,6 +107,7 @@ class Competition:
         sha256: Hash of the file; empty for the official folders.
         logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
         adjustments: What the stewards decided, where the file names it.
+        local_plugins: The files of code beside its rule set that may run, with their SHA-256.
     """
 
     id: str
@@ -113,6 +124,12 @@ class Competition:
     sha256: str = ""
     logs: Path | None = None
     adjustments: Path | None = None
+    local_plugins: Mapping[str, str] = field(default_factory=dict)
+
+
+def registry_for(competition: Competition) -> Registry:
+    """The installed plugins, and the files of code that the competition itself allows."""
+    return Registry(LocalFiles(competition.local_plugins) if competition.local_plugins else None)
 
 
 def load_competition(path: Path, rules: str = "", *, may_be_empty: bool = False) -> Competition:
@@ -193,6 +210,7 @@ def _from_file(file: Path, rules: str) -> Competition:
         adjustments=_existing(document, root, data["adjustments"], ("adjustments",))
         if "adjustments" in data
         else None,
+        local_plugins=data.get("local_plugins", {}),
     )
 
 

@@ -10,7 +10,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import ResultError, ScoreError
-from ariac_score.ranking.competition import Competition, Run, RunKey
+from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet
@@ -39,7 +39,7 @@ def score_runs(
     Args:
         competition: Its runs and configurations.
         rule_set: By which they are scored.
-        registry: The installed plugins.
+        registry: The installed plugins; by default with the files of code that the competition allows.
         progress: Called before each run with how many are done.
         sketches: Keep the series that pages draw. They price nothing, and are most of the memory
             that a season takes.
@@ -48,7 +48,9 @@ def score_runs(
         ResultError: Stored results were made under different rule sets: one may have judged
             what another did not.
     """
-    registry = registry or Registry()
+    registry = registry or registry_for(competition)
+    if not all(map(_is_stored, competition.runs)):  # once, for it is no fault of any run
+        rule_set.refuse_local(registry)
     configs = {("team", team.id): team.config for team in competition.teams} | {
         ("trial", trial.id): trial.config for trial in competition.trials
     }

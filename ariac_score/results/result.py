@@ -61,16 +61,16 @@ class Code(Struct, frozen=True, order=True, forbid_unknown_fields=True):
     """A package that took part.
 
     Attributes:
-        distribution: That installs it.
-        version: Of the distribution.
-        package: Its name.
-        sha256: Of its files.
+        distribution: That installs it; `local file` or `notebook class` for what none installs.
+        version: Of the distribution; where there is none, the first digits of the hash, or `unverifiable`.
+        package: Its name; of a local file its name beside the rule set, of a notebook that of the class.
+        sha256: Of its files; empty for a class whose text Python does not have.
     """
 
     distribution: str
     version: str
     package: str
-    sha256: Sha256
+    sha256: Annotated[str, Meta(pattern="^([0-9a-f]{64})?$")]
 
 
 @dataclass(frozen=True)

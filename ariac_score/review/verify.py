@@ -13,12 +13,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
+from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
 from ariac_score.documents.schema import strict_json
 from ariac_score.engine.price import check_uses, reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.engine.settings import plain_value
-from ariac_score.errors import NothingToScoreError, PluginError, ResultError, ScoreError, UsageError
+from ariac_score.errors import (
+    LocalPluginError,
+    NothingToScoreError,
+    PluginError,
+    ResultError,
+    ScoreError,
+    UsageError,
+)
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
 from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.result import Code, Provenance, Result
@@ -81,6 +89,7 @@ def verify_result(
     log_map: str = "",
     adjustments: Path | None = None,
     registry: Registry | None = None,
+    local_plugins: bool = False,
 ) -> Verification:
     """Check a stored result.
 
@@ -91,6 +100,8 @@ def verify_result(
         log_map: Log map, where the rule set names one that lies elsewhere.
         adjustments: The stewards' file, where the result is adjusted.
         registry: The installed plugins.
+        local_plugins: Whether files of code beside the rule set may run, where they are those that the
+            result states; it counts where no `registry` is given.
 
     Raises:
         ResultError: The file is no JSON at all, or another kind of document.
@@ -116,6 +127,11 @@ def verify_result(
         steps.append(_adjustments(result, adjustments))
     if log is not None:
         rule_set = _rule_set_for(result, given, required=bool(rules))
+        if local_plugins and registry is None:
+            registry = Registry(LocalFiles(_stated_files(result)))
+            changed = list(_changed_files(rule_set, registry))
+            if changed:  # another text says nothing about this result, and may do anything
+                return Verification((*steps, *changed), result)
         # The automatic result: decisions of stewards are applied to it, not measured.
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
         again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
@@ -293,9 +309,29 @@ def _code(result: Result) -> Step:
     return Step("code", OK, ", ".join(here))
 
 
+def _stated_files(result: Result) -> dict[str, str]:
+    """The files of code that a result says it was made by, with their hashes."""
+    return {c.package: c.sha256 for c in result.provenance.code if c.distribution == LOCAL_DISTRIBUTION}
+
+
+def _changed_files(rule_set: RuleSet, registry: Registry) -> Iterator[Step]:
+    """The files of code that are not those of the result."""
+    try:
+        rule_set.refuse_local(registry)
+    except LocalPluginError as error:
+        yield Step("local", FAILED, f"{_fault(error)}; {error.hint}")
+
+
 def _other(code: Code) -> str:
     """How the installed code differs from the recorded; empty when it does not."""
     distribution, recorded, package = code.distribution, code.version, code.package
+    if distribution == LOCAL_DISTRIBUTION:
+        return (
+            f"{package} beside the rule set made it, sha256 {code.sha256[:16]}…; --local-plugins compares it"
+        )
+    if distribution == GIVEN_DISTRIBUTION:
+        known = f"sha256 of its text {code.sha256[:16]}…" if code.sha256 else "of which nothing is known"
+        return f"the class {package}, given in Python, made it, {known}; nothing here can compare it"
     try:
         here = version(distribution)
         own = package_sha256(package)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
 
-from ariac_score.checks.registry import Plugin, Registry, parameters_of
+from ariac_score.checks.local import GivenPlugin
+from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
+from ariac_score.documents.given import path_of
 from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
 from ariac_score.errors import (
@@ -37,6 +41,7 @@ from ariac_score.scoring.levels import (
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.variation import given_monitor, set_number
 
 __all__ = [
     "Check",
@@ -142,6 +147,7 @@ class RuleSet:
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
+        given: The checks that were given in Python, by name.
     """
 
     id: str
@@ -161,6 +167,7 @@ class RuleSet:
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
+    given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
     def text(self) -> str:
@@ -178,6 +185,36 @@ class RuleSet:
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
         return judged or self.sheet.about_work
 
+    @property
+    def folder(self) -> Path | None:
+        """Folder of its file; `None` for rules that lie in no file of their own, as those in a result."""
+        return Path(self.file).parent if self.file.endswith((".yaml", ".yml")) else None
+
+    def plugin(self, name: str, registry: Registry) -> Plugin:
+        """The plugin of a check: given in Python, in a file beside the rule set, or installed.
+
+        Raises:
+            PluginError: There is none, or it may not be used.
+        """
+        check = self.checks[name]
+        if name in self.given:
+            return self.given[name]
+        return registry.find(check.group, check.use, beside=self.folder)
+
+    def refuse_local(self, registry: Registry) -> None:
+        """Refuse checks in files that are not allowed or are other files, before any trial is read.
+
+        Raises:
+            LocalPluginError: Naming the file, and where the rule set names it.
+        """
+        for check in self.checks.values():
+            if is_local(check.use):
+                try:
+                    self.plugin(check.name, registry)
+                except PluginError as error:
+                    _locate(error, check, self.file)
+                    raise
+
     def build(self, registry: Registry) -> dict[str, Any]:
         """Every check's plugin, built with its parameters, by check name.
 
@@ -185,7 +222,10 @@ class RuleSet:
             PluginNotFoundError: A plugin is not installed; the message names the check.
             RuleSetError: A plugin refuses its parameters.
         """
-        return {check.name: _built(check, registry, self.file) for check in self.checks.values()}
+        return {
+            name: _built(check, self.file, partial(self.plugin, name, registry))
+            for name, check in self.checks.items()
+        }
 
     def build_competition(self, registry: Registry) -> Any | None:
         """The plugin of the competition it names, built with its parameters; `None` when it names none.
@@ -194,22 +234,100 @@ class RuleSet:
             PluginNotFoundError: It is not installed; the message says where it is named.
             RuleSetError: It refuses its parameters.
         """
-        return _built(self.competition, registry, self.file) if self.competition else None
+        named = self.competition
+        return _built(named, self.file, partial(registry.find, named.group, named.use)) if named else None
 
     @property
     def edition(self) -> Any:
         """The parameter of that name; until readers ask the competition itself."""
         return self.competition.parameters.get("edition") if self.competition else None
 
+    def with_parameters(self, values: Mapping[str, Any] = MappingProxyType({}), /, **more: Any) -> RuleSet:
+        """The rule set with other numbers, for a sweep.
 
-def _built(check: Check, registry: Registry, file: str) -> Any:
+        Args:
+            values: New values by name: a parameter of the formulas, or `check.parameter` of a check, as
+                `sensitivity` names them.
+            more: Likewise, for names without a point.
+
+        Raises:
+            RuleSetError: There is no such name, or its value is of another kind.
+
+        >>> rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": 0.5})
+        >>> rules.checks["separation"].parameters["t1_s"]
+        0.5
+        """
+        if not isinstance(values, Mapping):
+            raise UsageError(
+                f"parameters are given by name, not as a {type(values).__name__}",
+                hint="write {'separation.t1_s': 0.5}",
+            )
+        data = deepcopy(dict(self.expanded))
+        for name, value in {**values, **more}.items():
+            one = self.given.get(str(name).partition(".")[0])
+            if one is not None and one.instance is not None:
+                raise RuleSetError(
+                    f"{name!r} is a number of an object that was given in Python",
+                    file=self.file,
+                    hint="give another object with 'with_monitor'",
+                )
+            set_number(data, name, value, file=self.file)
+        return self._again(data, self.given)
+
+    def with_score(self, formula: str) -> RuleSet:
+        """The rule set with another formula for the score, such as `task - 2 * count(near_miss)`.
+
+        Raises:
+            FormulaError: It cannot be parsed, or names something unknown.
+            RuleSetError: It is no text.
+
+        >>> load_rule_set("paper2020").with_score("task").expanded["score"]
+        'task'
+        """
+        return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
+
+    def with_monitor(self, name: str, monitor: object) -> RuleSet:
+        """The rule set with a monitor that is given in Python, in place of the check of that name, if any.
+
+        It keeps the contract of an installed one. A result names its class and the hash of the class's
+        text; where Python has no such text, or the object has more than its fields, `unverifiable`.
+
+        Args:
+            name: Of the check, as formulas name it.
+            monitor: A class, built with its defaults, or an object: `NearMiss(limit_m=0.5)`.
+
+        Raises:
+            RuleSetError: The name cannot be that of a check.
+            UsageError: It is no monitor.
+        """
+        plugin, parameters = given_monitor(monitor)
+        data = deepcopy(dict(self.expanded))
+        data.get("rules", {}).pop(name, None)
+        body = {"use": plugin.name, **({"with": parameters} if parameters else {})}
+        data["monitors"] = {**data.get("monitors", {}), name: body}
+        return self._again(data, {**self.given, name: plugin})
+
+    def _again(self, data: dict[str, Any], given: Mapping[str, GivenPlugin]) -> RuleSet:
+        """The rule set that other data make; its hash covers what it was made from, and what changed."""
+        document = YamlDocument(data, self.file, "", {})
+        validate(document, "ruleset", error=RuleSetError)
+        text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
+        sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
+        return replace(_parsed(replace(document, sha256=sha256)), given=given)
+
+
+def _built(check: Check, file: str, find: Callable[[], Plugin]) -> Any:
     try:
-        plugin = registry.find(check.group, check.use)
-        return plugin.build(check.parameters, place=lambda name: check.place.get(name, name))
+        return find().build(check.parameters, place=lambda name: check.place.get(name, name))
     except (PluginError, RuleSetError) as error:
-        error.file = file
-        error.place = error.place or check.place.get("use", check.name)
+        _locate(error, check, file)
         raise
+
+
+def _locate(error: ScoreError, check: Check, file: str) -> None:
+    """Say of an error about a check where the rule set names it."""
+    error.file = file
+    error.place = error.place or check.place.get("use", check.name)
 
 
 def rule_set_names(registry: Registry | None = None) -> list[str]:
@@ -227,23 +345,26 @@ def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
     return found
 
 
-def load_rule_set(name: str, registry: Registry | None = None) -> RuleSet:
+def load_rule_set(name: str | os.PathLike[str], registry: Registry | None = None) -> RuleSet:
     """Load an installed rule set by name, or one from a file by its path.
 
     Args:
-        name: Such as `paper2020`, or a path ending in `.yaml`.
+        name: Such as `paper2020`, or a path: text ending in `.yaml`, or any `Path`.
         registry: What is installed, where the caller has it already.
 
     Raises:
-        UsageError: There is no rule set of that name.
+        UsageError: There is no rule set of that name, or it is no name at all.
         PluginError: Two distributions bring it, or its entry point leads nowhere.
         RuleSetError: Malformed, breaks the schema, or contradicts itself or the rule
             set it extends.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
     registry = registry or Registry()
-    whole = with_penalty(_expanded(_path_of(name, Path(), registry), (), registry))
-    return _parsed(_declared(whole, registry))
+    if isinstance(name, str):
+        path = _path_of(name, Path(), registry)
+    else:
+        path = path_of(name, "the name or path of a rule set")
+    return _parsed(_declared(with_penalty(_expanded(path, (), registry)), registry))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -383,11 +504,28 @@ def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDo
         base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
+    _refuse_local_of_elsewhere(base, document)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+
+
+def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> None:
+    """Refuse to inherit a check in a file from another folder, for its name is relative to that folder."""
+    if Path(base.file).parent.resolve() == Path(document.file).parent.resolve():
+        return
+    for key in ("rules", "monitors"):
+        for name, body in base.data.get(key, {}).items():
+            replaced = any(name in document.data.get(own, {}) for own in ("rules", "monitors"))
+            if is_local(body["use"]) and not replaced:
+                raise RuleSetError(
+                    f"the check {name!r} that it inherits is in the file {body['use']!r} of another folder",
+                    file=document.file,
+                    place=document.place(["extends"]),
+                    hint="keep both rule sets in one folder, or grow the file: ariac-score new distribution",
+                )
 
 
 def _with_texts(document: YamlDocument) -> YamlDocument:
@@ -496,7 +634,7 @@ def _of_competition(
     named: Check, file: str, registry: Registry
 ) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
     """Levels and facts that a competition declares, as a rule set writes them."""
-    competition = _built(named, registry, file)
+    competition = _built(named, file, partial(registry.find, named.group, named.use))
     try:
         levels = tuple(getattr(competition, "levels", (TRIAL,)))
         check_levels(levels, {})

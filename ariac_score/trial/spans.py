@@ -113,7 +113,7 @@ def episodes_where(
         The episodes in time order. One supported by the last sample alone has no length.
 
     Source:
-        Monitor catalogue, section 1.2 (our choice of definition, after CARLA and VRX).
+        Monitor catalogue, section 1.2 (our choice of definition).
 
     >>> t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     >>> episodes_where(t, np.array([True, True, False, True, False]))

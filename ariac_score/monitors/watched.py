@@ -1,0 +1,374 @@
+"""The signals of one subject on one time base, and what the log leaves open about them.
+
+Signals come as whole columns, cut to the competition (`Watched`); what is missing, and every
+gap longer than a monitor accepts, is inconclusive before the judging starts. Flags and modes,
+which stay as they are until they change, come from `state_over`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.checks.findings import Finding
+from ariac_score.errors import MissingSignalError
+from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Sample, Signal, align
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
+
+__all__ = [
+    "ENVIRONMENT",
+    "OFF",
+    "ON",
+    "TOLERANCE_S",
+    "Signals",
+    "State",
+    "UndecidedError",
+    "Watched",
+    "first_of_runs",
+    "state_over",
+    "watch_subjects",
+    "watched_signals",
+]
+
+ENVIRONMENT = "environment"
+"""Stands in a signal's name for everything that is no body."""
+
+TOLERANCE_S = 1e-9
+"""Times are sums of decimals in float64: 0.1 + 0.2 s after 0 s is 0.3 s, whatever the last bit says."""
+
+
+class UndecidedError(Exception):
+    """Raised by a monitor about a subject of whom the log leaves open what it needs; the text says what."""
+
+
+class Signals(Protocol):
+    """The values of signals by template: columns of a whole trial (`Watched`), or numbers of one instant.
+
+    Arithmetic, comparisons and functions of numpy serve both. A component of a vector is
+    `signals["position/{robot}"][..., 2]`, with the dots.
+    """
+
+    def __getitem__(self, template: str, /) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Signals of one subject on one time base, cut to the competition.
+
+    Attributes:
+        t: Sample times, shape (n,), s.
+        columns: Values by signal name, each shape (n,) or (n, k).
+        gaps: Stretches of the competition without samples.
+        max_gap_s: A sample stands for no longer than this, s.
+        units: Unit by signal name.
+        names: Signal name by template.
+        optional: The optional signals the log has, by template.
+        subject: Whose signals they are.
+        trial: Where they are from: its bodies and events.
+    """
+
+    t: FloatArray
+    columns: Mapping[str, FloatArray]
+    gaps: Sequence[Span]
+    max_gap_s: float
+    units: Mapping[str, str]
+    names: Mapping[str, str] = field(default_factory=dict)
+    optional: Mapping[str, Signal] = field(default_factory=dict)
+    subject: Subject = WHOLE_TRIAL
+    trial: Trial = field(default_factory=lambda: Trial(""))
+    _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
+
+    def __getitem__(self, template: str) -> FloatArray:
+        return self.columns[self.names[template]]
+
+    def get(self, template: str) -> FloatArray | None:
+        """The values of a wanted signal, or of an optional one, NaN in its gaps; `None`: the log has none."""
+        if template in self.names:
+            return self[template]
+        if template not in self.optional:
+            return None
+        # On first access only: signals that show who is to blame can cost more than the verdict, and
+        # most subjects have no violation that would need them.
+        if template not in self._computed:
+            self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
+        return self._computed[template]
+
+    def known(self, template: str) -> FloatArray:
+        """The values of a signal, NaN where the log does not show them; of one it lacks everywhere."""
+        values = self.get(template)
+        return np.full(len(self), np.nan) if values is None else values
+
+    def state(self, flag: str, max_age_s: float) -> State | None:
+        """A flag of the subject over time; `None` when the log has none. See `state_over`."""
+        return state_over(self.trial, flag, self.subject.name, self.t, max_age_s=max_age_s)
+
+    def flag(self, flag: str, max_age_s: float) -> BoolArray:
+        """Where a flag of the subject is on, shape (n,).
+
+        Args:
+            flag: Quantity and event kind, such as `enabling_device`.
+            max_age_s: How long a sample holds at most, s.
+
+        Raises:
+            UndecidedError: It is not known at every sample.
+        """
+        state = self.state(flag, max_age_s)
+        if state is None:
+            raise UndecidedError(
+                f"the log has neither a signal '{flag}/{self.subject.name}' nor {flag!r} events"
+            )
+        if not state.known.all():
+            raise UndecidedError(f"{flag!r} is not known at {self.t[np.argmin(state.known)]:.3f} s")
+        return state.on
+
+    def radius_m(self, place: str) -> float:
+        """The radius of the subject's body at a placeholder of the templates, m."""
+        (radius_m,) = (body.radius_m for body in self.trial.bodies if body.id == self.subject.bodies[place])
+        return radius_m
+
+    def hidden_by_gaps(self, template: str, due: BoolArray, within: Span | None = None) -> list[Span]:
+        """The gaps of an optional signal in which a value is due; none where the log has no such signal.
+
+        Args:
+            template: Of the signal.
+            due: Where a limit applies to it, shape (n,).
+            within: The time it has to cover; `None`: all.
+        """
+        signal, values = self.optional.get(template), self.get(template)
+        if signal is None or values is None or not len(self):
+            return []
+        unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
+        # As for a signal that is needed, both ends count as samples: one that begins a moment later than the
+        # others, or ends earlier, has no gap.
+        gaps = signal.gaps(within or Span(float(self.t[0]), self.end_s), max_gap_s=self.max_gap_s)
+        return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
+
+    def hidden_findings(self, template: str, due: BoolArray, clause: str) -> list[Finding]:
+        """What the gaps of an optional signal leave open, as findings."""
+        of = f" of {self.optional[template].name!r}" if template in self.optional else ""
+        return [self._gap(gap, clause, of) for gap in self.hidden_by_gaps(template, due)]
+
+    def gap_findings(self, clause: str) -> list[Finding]:
+        """What the gaps leave open, as findings."""
+        return [self._gap(gap, clause) for gap in self.gaps]
+
+    def _gap(self, gap: Span, clause: str, of: str = "") -> Finding:
+        message = f"no samples{of} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+        return Finding.inconclusive(self.subject.name, message, span=gap, clause=clause)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @cached_property
+    def durations_s(self) -> FloatArray:
+        """How long each sample stands for, shape (n,), s."""
+        return sample_durations(self.t, longest_s=self.max_gap_s)
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample; there has to be one."""
+        return float(self.t[-1])
+
+    def samples(self, row: int) -> tuple[Sample, ...]:
+        """What was measured in one row, as evidence."""
+        return tuple(
+            Sample(name, float(self.t[row]), _plain(column[row]), self.units[name])
+            for name, column in self.columns.items()
+        )
+
+
+def _values_over(signal: Signal, t: FloatArray, max_gap_s: float) -> FloatArray:
+    """The values of a signal at some times; NaN where it has none."""
+    if not len(signal):
+        return np.full((len(t), *signal.values.shape[1:]), np.nan)
+    values = np.array(signal.at(t), dtype=np.float64)
+    values[~signal.covers(t, max_gap_s=max_gap_s)] = np.nan
+    return values
+
+
+def _plain(value: FloatArray) -> float | tuple[float, ...]:
+    return float(value) if np.ndim(value) == 0 else tuple(float(v) for v in value)
+
+
+def watched_signals(
+    signals: Sequence[Signal],
+    max_gap_s: float,
+    trial: Trial,
+    subject: Subject = WHOLE_TRIAL,
+    *,
+    names: Mapping[str, str] | None = None,
+    optional: Mapping[str, Signal] | None = None,
+) -> Watched:
+    """Signals as they are watched.
+
+    Args:
+        signals: At least one.
+        max_gap_s: A sample stands for no longer than this, s.
+        trial: Whose window is the competition; without one all samples count, and there are no gaps.
+        subject: Whose signals they are.
+        names: Signal name by template.
+        optional: Further signals by template.
+    """
+    t, columns = align(signals, max_gap_s=max_gap_s)
+    inside, gaps, window = slice(None), [], trial.window
+    if window is not None:
+        inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
+        # Only samples inside count: one after the end of the competition covers nothing before it.
+        gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
+    return Watched(
+        t[inside],
+        {signal.name: column[inside] for signal, column in zip(signals, columns, strict=True)},
+        gaps,
+        max_gap_s,
+        {signal.name: signal.unit for signal in signals},
+        names or {},
+        optional or {},
+        subject,
+        trial,
+    )
+
+
+Yielded = TypeVar("Yielded")
+"""What a judge yields: findings, or what its monitor turns into findings."""
+
+
+def watch_subjects(
+    trial: Trial,
+    subjects: Iterable[Subject],
+    wanted: Mapping[str, str],
+    *,
+    max_gap_s: float,
+    clause: str,
+    judge: Callable[[Watched], Iterable[Yielded]],
+    optional: Mapping[str, str] | None = None,
+) -> Iterator[Finding | Yielded]:
+    """Judge every subject; what cannot be judged is inconclusive.
+
+    Args:
+        trial: The trial.
+        subjects: Whom to judge.
+        wanted: Unit by signal template.
+        max_gap_s: Longest stretch without a sample that is accepted, s.
+        clause: Clause for the findings about what is missing.
+        judge: Findings about one subject.
+        optional: Unit by signal template, of signals that help where the log has them.
+    """
+    for subject in subjects:
+        try:
+            watched = _watched(trial, subject, wanted, optional or {}, max_gap_s)
+        except MissingSignalError as missing:
+            yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
+            continue
+        # A log with neither event is taken for a recording of the competition alone.
+        if (trial.started_s is None) != (trial.ended_s is None):
+            missing_end = "end" if trial.ended_s is None else "start"
+            message = (
+                f"the log does not show the {missing_end} of the competition, so part of it may be missing"
+            )
+            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
+        yield from watched.gap_findings(clause)
+        if not len(watched):
+            continue
+        try:
+            # To the end before anything is stated: half a judgement is none.
+            judged = list(judge(watched))
+        except UndecidedError as undecided:
+            yield Finding.inconclusive(subject.name, str(undecided), span=trial.window, clause=clause)
+        else:
+            yield from judged
+
+
+def _watched(
+    trial: Trial, subject: Subject, wanted: Mapping[str, str], optional: Mapping[str, str], max_gap_s: float
+) -> Watched:
+    """The signals of a subject.
+
+    Raises:
+        MissingSignalError: The log lacks one that is wanted.
+    """
+    names = {template: subject.fill(template) for template in wanted}
+    signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
+    helpful = {
+        template: trial.signal(name, unit=unit)
+        for template, unit in optional.items()
+        if (name := subject.fill(template)) in trial.signals
+    }
+    return watched_signals(signals, max_gap_s, trial, subject, names=names, optional=helpful)
+
+
+# What stays as it is until it changes -------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class State:
+    """Whether something is on, at each of some times.
+
+    Attributes:
+        on: Whether it is on, shape (n,); off where it is not known.
+        known: Whether the log shows it, shape (n,).
+    """
+
+    on: BoolArray
+    known: BoolArray
+
+
+ON, OFF = "on", "off"
+
+
+def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: float) -> State | None:
+    """A flag over time: from the signal `name/body`, else from events of that kind.
+
+    A signal's value holds until its next sample, for `max_age_s` at most. An event
+    has the detail `on` or `off` and holds until the next; before the first event the
+    state was the opposite one. An event with neither detail leaves the state unknown. A
+    log that records such events but has none shows a flag that was never on.
+
+    Args:
+        trial: The trial.
+        name: Quantity and event kind, such as `drive_enabled`.
+        body: Id of the body; events without a subject concern every body.
+        t: The times, shape (n,), s.
+        max_age_s: How long a sample of the signal holds at most, s.
+
+    Returns:
+        The state, or `None` when the log has neither.
+    """
+    signal = trial.signals.get(f"{name}/{body}")
+    if signal is not None and len(signal):
+        # A flag stamped at the same instant counts, though both stamps may differ in their last bits.
+        before = np.searchsorted(signal.t, t + TOLERANCE_S, side="right") - 1
+        held = before.clip(0)
+        known = (before >= 0) & (t - signal.t[held] <= max_age_s + TOLERANCE_S)
+        return State(known & (signal.values[held] >= 0.5), known)
+    events = [e for e in trial.events_of(name) if e.subject in ("", body)]
+    if not events and name not in trial.witnessed:
+        return None
+    if not events:
+        return State(np.zeros(len(t), dtype=bool), np.ones(len(t), dtype=bool))
+    times = np.array([e.t_s for e in events])
+    earlier = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
+    words = np.array([earlier, *(event.detail for event in events)])
+    word = words[np.searchsorted(times, t, side="right")]
+    return State(word == ON, (word == ON) | (word == OFF))
+
+
+def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[np.intp]:
+    """For each row the first row of the run of true rows it belongs to; itself where false.
+
+    A hole in the samples longer than `longest_s` ends a run.
+
+    >>> holds = np.array([False, True, True, False, True])
+    >>> first_of_runs(np.arange(5.0), holds, 1.0).tolist()
+    [0, 1, 1, 3, 4]
+    """
+    index = np.arange(len(t))
+    goes_on = np.zeros(len(t), dtype=bool)
+    goes_on[1:] = holds[1:] & holds[:-1] & (np.diff(t) <= longest_s + TOLERANCE_S)
+    return np.maximum.accumulate(np.where(goes_on, 0, index))

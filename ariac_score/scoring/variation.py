@@ -1,0 +1,82 @@
+"""A rule set changed in Python: other numbers for a sweep, a monitor from a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from ariac_score.checks.local import GivenPlugin
+from ariac_score.errors import RuleSetError, UsageError, did_you_mean
+
+__all__ = ["given_monitor", "set_number"]
+
+_GROUP = "ariac_score.monitors"
+_NOT_PLAIN = object()
+
+
+def set_number(data: dict[str, Any], name: str, value: Any, *, file: str) -> None:
+    """Set a parameter in the data of a whole rule set.
+
+    Args:
+        data: Changed in place.
+        name: A parameter of the formulas, or `check.parameter`.
+        value: The new value.
+        file: Of the rule set, for errors.
+
+    Raises:
+        RuleSetError: There is no parameter or check of that name.
+    """
+    check, dot, parameter = str(name).partition(".")
+    known = data.get("parameters", {})
+    if not dot and name in known:
+        known[name] = value
+        return
+    for section in ("rules", "monitors"):
+        if dot and check in data.get(section, {}):
+            data[section][check].setdefault("with", {})[parameter] = value
+            return
+    raise RuleSetError(
+        f"the rule set has no parameter {name!r}",
+        file=file,
+        hint=did_you_mean(name, [*known, *_numbers_of_checks(data)], what="it has"),
+    )
+
+
+def _numbers_of_checks(data: Mapping[str, Any]) -> Iterator[str]:
+    for section in ("rules", "monitors"):
+        for check, body in data.get(section, {}).items():
+            yield from (f"{check}.{parameter}" for parameter in body.get("with", {}))
+
+
+def given_monitor(monitor: object) -> tuple[GivenPlugin, dict[str, Any]]:
+    """The plugin that a class or an object is, and the parameters that make the object again.
+
+    Raises:
+        UsageError: It is no monitor.
+    """
+    kind = monitor if isinstance(monitor, type) else type(monitor)
+    if not callable(getattr(kind, "watch", None)):
+        raise UsageError(
+            f"{kind.__name__!r} is no monitor: it has no method 'watch'",
+            hint="give a class with watch(trial), or an object of one: NearMiss(limit_m=0.5)",
+        )
+    if isinstance(monitor, type):
+        return GivenPlugin.of(kind, _GROUP), {}
+    if is_dataclass(kind):
+        values = {f.name: _plain(getattr(monitor, f.name)) for f in fields(kind) if f.init}
+        if all(value is not _NOT_PLAIN for value in values.values()):
+            return GivenPlugin.of(kind, _GROUP), values
+    return GivenPlugin.of(kind, _GROUP, monitor), {}
+
+
+def _plain(value: Any) -> Any:
+    """A value as YAML holds it, so that it makes the same parameter again; `_NOT_PLAIN` where it cannot."""
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    if not isinstance(value, list | tuple | Mapping):
+        return _NOT_PLAIN
+    inner = {k: _plain(v) for k, v in (value.items() if isinstance(value, Mapping) else enumerate(value))}
+    if any(one is _NOT_PLAIN for one in inner.values()):
+        return _NOT_PLAIN
+    return inner if isinstance(value, Mapping) else list(inner.values())

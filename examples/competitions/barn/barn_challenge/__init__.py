@@ -1,0 +1,1 @@
+"""The BARN Challenge as a guest: its readers, its monitor, its rule sets."""
