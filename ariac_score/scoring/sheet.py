@@ -411,10 +411,12 @@ class ScoreSheet:
         if function in CHECK_FUNCTIONS and (function not in AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
                 given = ast.unparse(first) if first else "nothing"
+                hint = did_you_mean(name, self.checks, what="checks of this rule set")
                 raise FormulaError(
-                    f"{function}() asks about {given!r}, which is no check",
+                    f"{function}() asks about {given!r}, which is no check"
+                    + (" and no declared level" if function == "count" else ""),
                     place=formula.where,
-                    hint=did_you_mean(name, self.checks, what="checks of this rule set"),
+                    hint=hint + (f"; levels: {', '.join(self.levels)}" if function == "count" else ""),
                 )
             wanted = 2 if function == "measure" else 1
             options = {str(keyword.arg) for keyword in call.keywords}
@@ -477,6 +479,8 @@ class ScoreSheet:
                 hint += "; a fact that the trial states must be declared under 'facts:'"
             if name in self.checks:
                 hint = f"{name!r} is a check: ask points({name}), holds({name}), count({name}), …"
+            if not prefix and name in self.facts_of(level):
+                hint = f"it is a fact, which is named with its level: {level}.{name}"
             raise FormulaError(f"unknown name {dotted!r}", place=formula.where, hint=hint)
 
     def _inside(self, formula: Expression, inner: str, level: str) -> None:
