@@ -486,6 +486,7 @@ VALUE_GROUPS: Mapping[str, type] = {
     "ariac_score.quantities": Quantity,
     "ariac_score.derived_signals": DerivedSignal,
     "ariac_score.report_panels": ReportPanel,
+    "ariac_score.ranking_policies": Callable,  # type: ignore[dict-item]  # from scores to one
     "ariac_score.exports": Callable,  # type: ignore[dict-item]  # from a result to its text
 }
 """Entry-point groups of values, and what each is."""
