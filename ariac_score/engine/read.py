@@ -238,7 +238,7 @@ def read_needed(
         quantities=prepared.sources,
         progress=progress,
         jobs=jobs,
-        orders=prepared.rule_set.about_orders if orders is None else orders,
+        orders=prepared.rule_set.about_work if orders is None else orders,
     )
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas

@@ -439,10 +439,12 @@ def _alike(first: Finding, second: Finding) -> bool:
         "span": None,
         "robustness": None,
         "quantities": {},
+        "units": {},
         "evidence": (),
     }
     return (
-        replace(first, **blank) == replace(second, **blank)
+        first.units == second.units
+        and replace(first, **blank) == replace(second, **blank)
         and _words(first) == _words(second)
         and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
         and all(
