@@ -12,7 +12,6 @@ from msgspec import Meta, Struct
 
 from ariac_score.checks.findings import SIGNIFICANT_DIGITS, Finding, canonical, canonical_span, settled
 from ariac_score.checks.measures import Measure
-from ariac_score.documents.frames import frame
 from ariac_score.errors import ResultError
 from ariac_score.results.notebook import result_html
 from ariac_score.results.sketch import Sketch
@@ -21,6 +20,7 @@ from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
+from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
 

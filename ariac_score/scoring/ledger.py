@@ -17,9 +17,9 @@ from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
 from ariac_score.checks.findings import COUNT, POINTS, canonical
-from ariac_score.documents.frames import frame
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
+from ariac_score.trial.frames import frame
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 

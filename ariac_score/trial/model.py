@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from ariac_score.documents.frames import frame
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal, align, columns_of
 from ariac_score.trial.spans import FloatArray, Span

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.documents.frames import frame
+from ariac_score.trial.frames import frame
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
 
 __all__ = [
