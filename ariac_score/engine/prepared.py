@@ -10,8 +10,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.contracts import FactSchemas, SignalNeed
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
@@ -54,6 +55,7 @@ class Prepared:
         registry: The installed plugins.
         checks: By name, in the order of the rule set.
         derivers: How plugins compute quantities that checks need, by quantity.
+        fact_schemas: What facts its competition has, and who says so; `None` where nobody does.
         competition: The competition that the rule set names; `None` when it names none.
     """
 
@@ -63,6 +65,7 @@ class Prepared:
     checks: Mapping[str, PreparedCheck]
     competition: PreparedCheck | None = None
     derivers: Mapping[str, Deriver] = field(default_factory=dict)
+    fact_schemas: tuple[Plugin, FactSchemas] | None = None
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
@@ -75,6 +78,7 @@ class Prepared:
         ]
         used = [each.plugin for each in (*self.checks.values(), *named)]
         used += [deriver.plugin for deriver in self.derivers.values()]
+        used += [self.fact_schemas[0]] if self.fact_schemas else []
         return (*used, *declared, *self._data_plugins)
 
     @property
@@ -211,7 +215,11 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
-    return replace(prepared, derivers=derivers_of(prepared.quantities, registry))
+    return replace(
+        prepared,
+        derivers=derivers_of(prepared.quantities, registry),
+        fact_schemas=fact_schemas_of(rule_set.competition.use, registry) if rule_set.competition else None,
+    )
 
 
 def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:
