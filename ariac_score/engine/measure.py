@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.finding_contract import watched_in
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import measures_of
 from ariac_score.documents.given import refuse_other
@@ -68,6 +69,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        watched=watched_in(trial),
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
