@@ -1875,7 +1875,7 @@ def test_a_rule_set_with_a_bad_parameter_is_refused(subtests: pytest.Subtests) -
         ("iso_10218_2.monitored_standstill", {"workspace": "square"}, "'square' is not a list"),
         ("iso_10218_2.monitored_standstill", {"workspace": [1, 2, 3]}, "1 is not a list"),
         ("iso_10218_2.pfl_speed", {"moving_mass_kg": -1}, "moving_mass_kg is -1 but must be positive"),
-        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024"),
+        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024, us"),
         ("formula.always", {"signals": ["speed/{robot}"]}, "is not a mapping of names to values"),
         ("formula.always", {"parameters": {"a": "b"}}, "'b' is not a float"),
         ("formula.always", {"holds": "v > 1 +"}, "signals is empty"),
