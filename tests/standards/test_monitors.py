@@ -9,6 +9,7 @@ import csv
 import dataclasses
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -1227,6 +1228,21 @@ def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.S
                 assert found[VIOLATED] <= found[SATISFIED]
             if name not in ("log.signal_coverage", "iso_9283.pose_performance", "formula.within"):
                 assert found[VIOLATED], "the trials show nothing"
+
+
+def test_whatever_is_measured_is_declared_in_the_unit_that_its_name_says(subtests: pytest.Subtests) -> None:
+    """The unit of a name is its end: `stop_time_s`, `travel_m`, `excess_max_m_s`, `impulse_N_s`."""
+    for name in BUSY:
+        with subtests.test(name=name):
+            declared = BUSY[name].measures
+            trials = [busy(seed, clean=clean) for seed in range(6) for clean in (False, True)]
+            found = {n for trial in trials for one in BUSY[name].watch(trial) for n in one.quantities}
+
+            assert found <= declared.keys()
+            for quantity, measure in declared.items():
+                if measure.unit not in ("1", "count"):
+                    assert quantity.endswith("_" + re.sub("[ /]", "_", measure.unit))
+                assert measure.meaning
 
 
 def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(
