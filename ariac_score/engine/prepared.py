@@ -10,8 +10,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.contracts import FactSchemas, SignalNeed
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
@@ -24,7 +25,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
 from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
 
-__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare", "rule_set_of"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class Prepared:
         registry: The installed plugins.
         checks: By name, in the order of the rule set.
         derivers: How plugins compute quantities that checks need, by quantity.
+        fact_schemas: What facts its competition has, and who says so; `None` where nobody does.
         competition: The competition that the rule set names; `None` when it names none.
     """
 
@@ -63,6 +65,7 @@ class Prepared:
     checks: Mapping[str, PreparedCheck]
     competition: PreparedCheck | None = None
     derivers: Mapping[str, Deriver] = field(default_factory=dict)
+    fact_schemas: tuple[Plugin, FactSchemas] | None = None
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
@@ -75,6 +78,7 @@ class Prepared:
         ]
         used = [each.plugin for each in (*self.checks.values(), *named)]
         used += [deriver.plugin for deriver in self.derivers.values()]
+        used += [self.fact_schemas[0]] if self.fact_schemas else []
         return (*used, *declared, *self._data_plugins)
 
     @property
@@ -189,6 +193,17 @@ Rules = str | PathLike[str] | RuleSet | Prepared
 """A rule set: its name, the path of its file, itself, or prepared already."""
 
 
+def rule_set_of(rules: Rules, registry: Registry | None = None) -> RuleSet:
+    """The rule set that is given in one of these ways.
+
+    Raises:
+        ScoreError: It is given in none of them, or cannot be loaded.
+    """
+    if isinstance(rules, Prepared):
+        return rules.rule_set
+    return rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+
+
 def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None) -> Prepared:
     """Build the checks of a rule set, collect what they need, and load its log map.
 
@@ -203,7 +218,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     if isinstance(rules, Prepared):
         return rules
     registry = registry or Registry()
-    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+    rule_set = rule_set_of(rules, registry)
     checks = {}
     for name, check in rule_set.build(registry).items():
         plugin = rule_set.plugin(name, registry)
@@ -211,7 +226,11 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
-    return replace(prepared, derivers=derivers_of(prepared.quantities, registry))
+    return replace(
+        prepared,
+        derivers=derivers_of(prepared.quantities, registry),
+        fact_schemas=fact_schemas_of(rule_set.competition.use, registry) if rule_set.competition else None,
+    )
 
 
 def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:

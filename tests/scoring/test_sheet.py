@@ -9,9 +9,11 @@ import pytest
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.expression import Expression, Number
-from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.levels import declared_facts
+from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.competition import Ariac
 
 CHECKS = frozenset({"type", "pose", "destination", "separation", "contact", "dropped"})
 
@@ -72,9 +74,11 @@ def sheet(
             level: {n: Expression.parse(text, where=f"$.terms.{level}.{n}") for n, text in formulas.items()}
             for level, formulas in terms.items()
         },
-        Expression.parse(score, where="$.score"),
+        Expression.parse(score, where="$.score", texts=True),
         CHECKS,
         parameters or {},
+        levels=Ariac.levels,
+        facts=declared_facts(Ariac.facts),
     )
 
 
@@ -403,8 +407,7 @@ def test_the_place_of_a_mistake_is_its_term() -> None:
     assert refused.value.place == "$.terms.submission.x"
 
 
-def test_levels_run_from_the_part_outwards() -> None:
-    assert LEVELS == ("part", "submission", "order", "trial")
+def test_scopes_of_a_level_come_in_order() -> None:
     assert [scope.path for scope in TWO_ORDERS.each("submission")] == [
         "order_0/task_0",
         "order_1/task_0",
