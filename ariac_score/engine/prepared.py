@@ -26,7 +26,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
 from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
 
-__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare", "rule_set_of"]
 
 
 @dataclass(frozen=True)
@@ -211,6 +211,17 @@ Rules = str | PathLike[str] | RuleSet | Prepared
 """A rule set: its name, the path of its file, itself, or prepared already."""
 
 
+def rule_set_of(rules: Rules, registry: Registry | None = None) -> RuleSet:
+    """The rule set that is given in one of these ways.
+
+    Raises:
+        ScoreError: It is given in none of them, or cannot be loaded.
+    """
+    if isinstance(rules, Prepared):
+        return rules.rule_set
+    return rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+
+
 def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None) -> Prepared:
     """Build the checks of a rule set, collect what they need, and load its log map.
 
@@ -225,7 +236,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     if isinstance(rules, Prepared):
         return rules
     registry = registry or Registry()
-    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+    rule_set = rule_set_of(rules, registry)
     checks = {}
     for name, check in rule_set.build(registry).items():
         plugin = rule_set.plugin(name, registry)
