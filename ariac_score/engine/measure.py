@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.finding_contract import watched_in
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import measures_of
 from ariac_score.engine.ask import ask, charts_of
@@ -65,6 +66,7 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        watched=watched_in(trial),
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },

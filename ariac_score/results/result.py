@@ -152,6 +152,8 @@ class Measured:
             influence on prices.
         measures: Unit, role and best value of each quantity by check, as its plugin declares them: what a
             ledger compares with. Empty in results of versions that kept none.
+        watched: From the first to the last time that the logs tell of, s of trial time: no finding lies
+            outside. `None` where they tell of none, and in results of versions that did not keep it.
     """
 
     trial: str
@@ -169,6 +171,7 @@ class Measured:
     sketch: Sketch | None = None
     settings: Mapping[str, Settings] | None = None
     measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=dict)
+    watched: Span | None = None
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -176,6 +179,7 @@ class Measured:
             "findings": {key: settled(finding) for key, finding in self.findings.items()},
             "scopes": _settled_scope(self.scopes),
             "window": None if self.window is None else canonical_span(self.window),
+            "watched": None if self.watched is None else canonical_span(self.watched),
             "orders": {key: None if t_s is None else canonical(t_s) for key, t_s in self.orders.items()},
             "coverage": tuple(
                 replace(c, rate_hz=canonical(c.rate_hz), largest_gap_s=canonical(c.largest_gap_s))

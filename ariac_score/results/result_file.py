@@ -281,7 +281,7 @@ def _priced(data: dict[str, Any], digits: int) -> dict[str, Any]:
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
     """`result/2` as `result/3`: its ledger stays as the former method took it apart."""
-    if "ledger_method" in data or "measures" in data["measured"]:
+    if "ledger_method" in data or data["measured"].keys() & {"measures", "watched"}:
         raise ValueError("keys that `result/2` did not have")
     return {**data, "ledger_method": SEQUENCE}
 

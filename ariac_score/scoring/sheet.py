@@ -310,7 +310,6 @@ class ScoreSheet:
         taken = {
             "function": _KNOWN,
             "parameter": self.parameters,
-            "check": self.checks,
             "kind of value across runs": (_COHORT, _RUNS),
         }
         check_levels(self.levels, taken)

@@ -519,7 +519,6 @@ def test_the_rules_of_an_older_result_name_their_competition_by_its_parameter() 
             "the last level is 'order'",
             "inside out",
         ),
-        ("round: 3", "levels: [pose, order, trial]", "line 23, $.levels", "the name of a check", "one thing"),
         ("round: 3", "levels: [weight, order, trial]", "$.levels", "the name of a parameter", "one thing"),
         ("round: 3", "levels: [runs, order, trial]", "$.levels", "value across runs", "one thing"),
         ("round: 3", "levels: [count, order, trial]", "$.levels", "the name of a function", "one thing"),
