@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from ariac_score.documents.yaml import YamlDocument, load_yaml
     from ariac_score.engine.measure import measure_trial
     from ariac_score.engine.price import price_trial, reprice
-    from ariac_score.engine.score import score_trial
+    from ariac_score.engine.score import open_trial, score_trial
     from ariac_score.errors import (
         DataFileError,
         FormulaError,
@@ -219,6 +219,7 @@ _MODULE_OF = {
     "load_rule_set": "ariac_score.scoring.ruleset",
     "load_yaml": "ariac_score.documents.yaml",
     "measure_trial": "ariac_score.engine.measure",
+    "open_trial": "ariac_score.engine.score",
     "parameter": "ariac_score.checks.parameters",
     "parameter_facts": "ariac_score.checks.parameters",
     "plain": "ariac_score.terminal.style",
@@ -335,6 +336,7 @@ __all__ = [
     "load_yaml",
     "measure_trial",
     "number_of_fact",
+    "open_trial",
     "parameter",
     "parameter_facts",
     "plain",

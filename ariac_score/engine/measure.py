@@ -11,8 +11,9 @@ from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.finding_contract import watched_in
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import measures_of
+from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask, charts_of
-from ariac_score.engine.prepared import Prepared
+from ariac_score.engine.prepared import Prepared, Rules, prepare
 from ariac_score.errors import LogError, RuleSetError
 from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
@@ -29,20 +30,25 @@ from ariac_score.trial.work import Fact, WorkItem, announced_s
 __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
 
 
-def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = None) -> Measured:
+def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) -> Measured:
     """Run every check on a trial.
 
     Args:
-        trial: With the derived signals.
-        prepared: The rule set, with its checks.
+        trial: With the derived signals, as `open_trial` gives it.
+        rules: A rule set, its name or path; or prepared already (`prepare`).
         known: A result whose findings hold for this trial; checks that it has are not run.
 
     Raises:
         PluginError: A plugin raised, or yielded nothing or something else.
         LogError: A signal is recorded in another unit than a check reads it in.
-        RuleSetError: The trial has work of a level that the rule set does not declare.
+        RuleSetError: The trial has work of a level that the rule set does not declare, or a check asks
+            for a quantity that nobody knows.
     """
+    refuse_other(trial, Trial, "a trial", "open_trial(path, rules) reads one")
+    prepared = prepare(rules)
     findings: dict[str, Finding] = {}
+    # A misspelt quantity is not one that the log happens to lack.
+    prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.signals.values()})
     for name, each in prepared.checks.items():
         _refuse_recorded_units(trial, name, each.needs)
         wanted = prepared.rule_set.checks[name]
