@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.local import LocalFiles
+from ariac_score.checks.registry import Plugin, Registry, is_local
 from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, ScoreError, UsageError
@@ -39,14 +40,14 @@ def register(commands: Any) -> None:
     listing.add_argument("--output-format", choices=("text", "json"), default="text")
     listing.set_defaults(run=run_list)
     show = add_action(actions, "show", "show the documentation of a plugin")
-    show.add_argument("name", metavar="NAME")
+    show.add_argument("name", metavar="NAME", help="a name, or a class in a file: ./ours.py:NearMiss")
     show.set_defaults(run=run_show)
     check = actions.add_parser(
         "check",
         help="check whether a plugin keeps its contract",
         description="Try the contract of a plugin on a trial. Exit codes: 0 kept, 1 broken.",
     )
-    check.add_argument("name", metavar="NAME")
+    check.add_argument("name", metavar="NAME", help="a name, or a class in a file: ./ours.py:NearMiss")
     check.add_argument(
         "--trial",
         type=Path,
@@ -109,7 +110,7 @@ def _sha256(one: Brought) -> str:
     """The hash of a file, or of the code of the package that brings a plugin."""
     if one.file is not None:
         return hashlib.sha256(one.file.path.read_bytes()).hexdigest()
-    return package_sha256(one.plugin.package)
+    return one.plugin.code_sha256()
 
 
 def _line(row: dict[str, str]) -> str:
@@ -121,8 +122,9 @@ def _line(row: dict[str, str]) -> str:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the distribution of a plugin, then its documentation."""
-    for one in brought_named(arguments.name, Registry()):
-        kind, plugin = one.kind.removesuffix("s"), one.plugin
+    for one in _shown(arguments.name):
+        plugin = one.plugin
+        kind = f"{one.kind[:-3]}y" if one.kind.endswith("ies") else one.kind.removesuffix("s")
         if one.problem:
             raise PluginError(one.problem, origin=plugin.origin, hint=one.hint)
         page = page_of(one)
@@ -132,14 +134,24 @@ def run_show(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _shown(name: str) -> list[Brought]:
+    if not is_local(name):
+        return brought_named(name, Registry())
+    plugin = _in_file(name)
+    return [Brought(plugin.group.rpartition(".")[2], plugin.name, plugin)]
+
+
 def _named(name: str) -> list[Any]:
-    """The plugins with a contract of that name, whatever their kind.
+    """The plugins with a contract of that name, or the class in a file, whose naming allows it.
 
     Raises:
         PluginNotFoundError: Nobody provides it.
         PluginConflictError: Two distributions do.
+        LocalPluginError: The file is not there, or no such class is in it.
         UsageError: It is of a kind that is data or a function.
     """
+    if is_local(name):
+        return [_in_file(name)]
     registry = Registry()
     groups = [group for group in GROUPS if name in registry.names(group)]
     if not groups:
@@ -149,6 +161,16 @@ def _named(name: str) -> list[Any]:
             hint="'ariac-score plugins doctor' loads it and says what is wrong with it",
         )
     return [registry.find(group, name) for group in groups]
+
+
+def _in_file(name: str) -> Plugin:
+    """The monitor or rule in a file, such as `ours/near_miss.py:NearMiss`."""
+    file, _, cls = name.rpartition(":")
+    path = Path(file)
+    use = f"./{path.name}:{cls}"
+    found = LocalFiles().find("ariac_score.monitors", use, path.parent)
+    judges = hasattr(found.load(), "judge")
+    return LocalFiles().find("ariac_score.rules", use, path.parent) if judges else found
 
 
 # check ---------------------------------------------------------------------------------
