@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
-from ariac_score.checks.registry import Registry, package_sha256
+from ariac_score.checks.local import LocalFiles
+from ariac_score.checks.registry import Plugin, Registry, is_local, package_sha256
 from ariac_score.cli.actions import add_action
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
@@ -36,14 +37,14 @@ def register(commands: Any) -> None:
     listing.add_argument("--output-format", choices=("text", "json"), default="text")
     listing.set_defaults(run=run_list)
     show = add_action(actions, "show", "show the documentation of a plugin")
-    show.add_argument("name", metavar="NAME")
+    show.add_argument("name", metavar="NAME", help="a name, or a class in a file: ./ours.py:NearMiss")
     show.set_defaults(run=run_show)
     check = actions.add_parser(
         "check",
         help="check whether a plugin keeps its contract",
         description="Try the contract of a plugin on a trial. Exit codes: 0 kept, 1 broken.",
     )
-    check.add_argument("name", metavar="NAME")
+    check.add_argument("name", metavar="NAME", help="a name, or a class in a file: ./ours.py:NearMiss")
     check.add_argument(
         "--trial",
         type=Path,
@@ -125,18 +126,21 @@ def run_show(arguments: argparse.Namespace) -> int:
         kind = plugin.group.rpartition(".")[2].removesuffix("s")
         page = plugin_page(plugin)
         print(f"{kind} of {plugin.distribution} {plugin.version}, {plugin.target}")
-        print(f"code {package_sha256(plugin.package)}\n")
+        print(f"code {plugin.code_sha256()}\n")
         sys.stdout.write("".join(f"{plain(line)}\n" for line in page.splitlines()))
     return 0
 
 
 def _named(name: str) -> list[Any]:
-    """The plugins of that name, whatever their kind.
+    """The plugins of that name, whatever their kind; or the class in a file, whose naming allows it.
 
     Raises:
         PluginNotFoundError: Nobody provides it.
         PluginConflictError: Two distributions do.
+        LocalPluginError: The file is not there, or no such class is in it.
     """
+    if is_local(name):
+        return [_in_file(name)]
     registry = Registry()
     groups = [group for group in GROUPS if name in registry.names(group)]
     if not groups:
@@ -146,6 +150,16 @@ def _named(name: str) -> list[Any]:
             hint=did_you_mean(name, known, what="installed") + unreadable_hint(),
         )
     return [registry.find(group, name) for group in groups]
+
+
+def _in_file(name: str) -> Plugin:
+    """The monitor or rule in a file, such as `ours/near_miss.py:NearMiss`."""
+    file, _, cls = name.rpartition(":")
+    path = Path(file)
+    use = f"./{path.name}:{cls}"
+    found = LocalFiles().find("ariac_score.monitors", use, path.parent)
+    judges = hasattr(found.load(), "judge")
+    return LocalFiles().find("ariac_score.rules", use, path.parent) if judges else found
 
 
 # check ---------------------------------------------------------------------------------
@@ -169,12 +183,12 @@ def run_check(arguments: argparse.Namespace) -> int:
         print(f"{plugin.origin}: {len(checks)} checks on {what}")
         for check in checks:
             try:
-                check()
+                unseen = check.run()
             except ScoreError as error:
                 _outcome(check.name, error)
                 code = EXIT_BROKEN
             else:
-                print(f"  kept    {check.name:<24} {check.about}")
+                print(f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}")
     return code
 
 
