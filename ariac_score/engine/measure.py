@@ -41,11 +41,14 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
     Raises:
         PluginError: A plugin raised, or yielded nothing or something else.
         LogError: A signal is recorded in another unit than a check reads it in.
-        RuleSetError: The trial has work of a level that the rule set does not declare.
+        RuleSetError: The trial has work of a level that the rule set does not declare, or a check asks
+            for a quantity that nobody knows.
     """
     refuse_other(trial, Trial, "a trial", "open_trial(path, rules) reads one")
     prepared = prepare(rules)
     findings: dict[str, Finding] = {}
+    # A misspelt quantity is not one that the log happens to lack.
+    prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.signals.values()})
     for name, each in prepared.checks.items():
         _refuse_recorded_units(trial, name, each.needs)
         wanted = prepared.rule_set.checks[name]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import FactSchemas, SignalNeed
+from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
@@ -140,17 +141,34 @@ class Prepared:
         """The same with only some of its checks."""
         return replace(self, checks={name: self.checks[name] for name in names})
 
-    def refuse_unknown_quantities(self) -> None:
-        """Refuse monitors that need unknown quantities, before a log is read.
+    def refuse_unmeasured(self) -> None:
+        """Refuse formulas that price a quantity which their check does not measure.
 
-        Scoring does not call this: a log may measure quantities that its map does not declare.
+        Raises:
+            RuleSetError: Naming the check and the quantity.
+        """
+        for function, name, quantity, formula in self.rule_set.sheet.priced_quantities:
+            declared = measures_of(self.checks[name].check) if name in self.checks else {}
+            if name in self.checks and quantity not in declared:
+                raise RuleSetError(
+                    f"{function}() prices the quantity {quantity!r}, which check {name!r} does not measure",
+                    file=self.rule_set.file,
+                    place=formula.where,
+                    hint=did_you_mean(quantity, declared, what=f"quantities of {name}"),
+                )
+
+    def refuse_unknown_quantities(self, recorded: Container[str] = ()) -> None:
+        """Refuse monitors that need quantities which neither the vocabulary nor the log map knows.
+
+        Args:
+            recorded: Quantities that the log has; it may measure what its map does not declare.
 
         Raises:
             RuleSetError: Naming the check and the quantity.
         """
         for name, each in self.checks.items():
             for need in each.needs:
-                if self._measured(need.quantity) is None:
+                if self._measured(need.quantity) is None and need.quantity not in recorded:
                     known = [*QUANTITIES, *self.log_map.quantities]
                     raise RuleSetError(
                         f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
@@ -226,6 +244,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
+    prepared.refuse_unmeasured()
     return replace(
         prepared,
         derivers=derivers_of(prepared.quantities, registry),

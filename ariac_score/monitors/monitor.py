@@ -320,6 +320,11 @@ class LimitMonitor(SubjectMonitor):
             severity: In place of the monitor's own `severity`.
             labels: In place of the monitor's own `labels`.
         """
+        if np.shape(bound.margin) != (len(signals),):
+            shape = np.shape(bound.margin)
+            raise ValueError(
+                f"margin has the shape {shape}, but one number for each of {len(signals)} samples is due"
+            )
         limit, met = JudgedLimit(signals, bound), self.encounter
         exposure = {} if met is None else met.exposure(signals)  # of the whole trial, so once
         further, words = severity or self.severity, labels or self.labels

@@ -12,7 +12,7 @@ from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
-from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, text_of
+from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, arity_of, text_of
 from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact, check_levels, no_such_level
 from ariac_score.scoring.scope import Scope
 
@@ -38,13 +38,35 @@ def _violations(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
     return [(key, 1) for key, f in findings.items() if f.verdict is Verdict.VIOLATED]
 
 
-def _seconds(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+def _seconds(findings: Mapping[str, Finding], label: str) -> list[tuple[str, Number]]:
     # An episode bridges short pauses, so its time in violation can be less than its length.
     return [
-        (key, f.quantities.get("time_in_violation_s", f.span.duration_s if f.span else 0.0))
+        (
+            key,
+            f.span.duration_s
+            if f.span and _TIME not in f.quantities
+            else _priced_quantity(key, f, _TIME, label, "price it with count() or product()"),
+        )
         for key, f in findings.items()
         if f.verdict is Verdict.VIOLATED
     ]
+
+
+def _priced_quantity(key: str, finding: Finding, quantity: str, label: str, instead: str) -> Number:
+    """A quantity that a function prices; what was not measured has no price, and is not 0.
+
+    Raises:
+        FormulaError: The finding has no such quantity.
+    """
+    if quantity not in finding.quantities:
+        raise FormulaError(
+            f"{label}: finding {key!r} of check {finding.check!r} has no {quantity!r}",
+            hint=f"let the check measure it, or {instead}",
+        )
+    return finding.quantities[quantity]
+
+
+_TIME, _DEPTH = "time_in_violation_s", "relative_depth_integral_s"
 
 
 CHECK_FUNCTIONS: Mapping[str, str] = {
@@ -175,6 +197,20 @@ class ScoreSheet:
         ]
         named = (dotted.rpartition(".") for each in formulas for dotted in _names(each, self.checks))
         return tuple(dict.fromkeys(name for prefix, _, name in named if prefix == _RUNS))
+
+    @property
+    def priced_quantities(self) -> Iterator[tuple[str, str, str, Expression]]:
+        """Every quantity that a formula prices by its name: function, check, quantity, formula."""
+        formulas = [self.score, *([self.task] if self.task else [])]
+        formulas += [formula for term in self.cohort.values() for formula in term.formulas]
+        formulas += [formula for named in self.terms.values() for formula in named.values()]
+        for formula in formulas:
+            for call in formula.walk():
+                if isinstance(call, ast.Call) and _is_call_of(call, "measure"):
+                    check, quantity = (text_of(argument) for argument in call.args)
+                    yield "measure", check, quantity, formula
+                elif isinstance(call, ast.Call) and _is_call_of(call, "demerits"):
+                    yield "demerits", text_of(call.args[0]), _DEPTH, formula
 
     def checks_in(self, formula: Expression, level: str = "trial") -> frozenset[str]:
         """The checks a formula depends on, itself or through the terms it names."""
@@ -425,6 +461,13 @@ class ScoreSheet:
         if function not in _KNOWN:
             raise FormulaError(
                 f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, _KNOWN)
+            )
+        arity = arity_of(function) if function in FUNCTIONS else None
+        if arity is not None and (len(call.args) != arity or call.keywords):
+            raise FormulaError(
+                f"{ast.unparse(call)}: {function!r} takes {arity} numbers",
+                place=formula.where,
+                hint=FUNCTIONS[function],
             )
         return set()
 
@@ -789,7 +832,7 @@ class ScopeNames:
         if function == "points":
             shares = _points(findings)
         elif function == "seconds":
-            shares = _seconds(findings)
+            shares = _seconds(findings, label)
         elif function == "demerits":
             shares = _demerits(findings, options.get("tau_s", _DEFAULT_S), label)
         elif function == "measure":
@@ -875,9 +918,9 @@ def _product(p: Number, times: int, label: str) -> Number:
 
 
 def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> list[tuple[str, Number]]:
-    """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt.
+    """A named quantity of each finding; a name that no satisfied finding has is misspelt.
 
-    Satisfied findings without any quantity are those of checks that measure violations alone: 0.
+    Satisfied findings without it are those of checks that measure violations alone: 0.
     """
     kept = any(f.verdict is Verdict.SATISFIED and f.quantities for f in findings.values())
     known = {name for finding in findings.values() for name in finding.quantities}
@@ -886,7 +929,12 @@ def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> lis
             f"{label}: no finding has the quantity {quantity!r}",
             hint=did_you_mean(quantity, known, what="quantities of this check"),
         )
-    return [(key, f.quantities[quantity]) for key, f in findings.items() if quantity in f.quantities]
+    instead = f"ask first whether there is one, as in '{label} if not violated(…) else …'"
+    return [
+        (key, _priced_quantity(key, f, quantity, label, instead))
+        for key, f in findings.items()
+        if quantity in f.quantities or f.verdict is Verdict.VIOLATED
+    ]
 
 
 def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
@@ -894,11 +942,14 @@ def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
     return next((f.units[quantity] for f in findings.values() if quantity in f.units), "")
 
 
+_NO_DEPTH = "price a check without depth with count(), occurrences() or charged()"
+
+
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:
     if not tau_s > 0:
         raise FormulaError(f"{label}: tau_s must be positive", hint="give a time in s, such as 5")
     return [
-        (key, 1 + finding.quantities.get("relative_depth_integral_s", 0.0) / tau_s)
+        (key, 1 + _priced_quantity(key, finding, _DEPTH, label, _NO_DEPTH) / tau_s)
         for key, finding in findings.items()
         if finding.verdict is Verdict.VIOLATED
     ]
