@@ -21,7 +21,7 @@ import numpy as np
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, RecordKind, TopicDescription, Wanted
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.json_pairs import without_repeats
-from ariac_score.documents.schema import errors_by, schema_errors
+from ariac_score.documents.schema import schema_errors, value_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
@@ -255,7 +255,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
     faults = (
         schema_errors(record, "trial_log", f"{kind}_record")
         if own
-        else errors_by(record, kinds[str(kind)].schema)
+        else value_errors(record, kinds[str(kind)].schema)
     )
     if faults:
         where, fault, hint = faults[0]

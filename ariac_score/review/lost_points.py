@@ -94,7 +94,7 @@ def _gain(
 
 
 def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Findings that belong together: of a part, a task, an order, or a check of the whole trial."""
+    """Findings that belong together: of a piece of work, or a check of the whole trial."""
     scoped: set[str] = set()
     for scope, kind in _below(scopes):
         keys = tuple(key for key, finding in wrong.items() if scope.contains(finding.subject))
@@ -109,11 +109,8 @@ def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, 
         yield check, "check", tuple(keys_of)
 
 
-def _below(scopes: Scope) -> Iterator[tuple[Scope, str]]:
-    """Every part, task and order, the smallest first."""
-    for order in scopes.inner:
-        for task in order.inner:
-            for part in task.inner:
-                yield part, "part"
-            yield task, "task"
-        yield order, "order"
+def _below(scope: Scope) -> Iterator[tuple[Scope, str]]:
+    """Every piece of work, what is inside one before itself."""
+    for inner in scope.inner:
+        yield from _below(inner)
+        yield inner, inner.level

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
@@ -19,6 +19,7 @@ from msgspec.structs import force_setattr, replace
 from ariac_score.checks.findings import COUNT, POINTS, canonical
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
+from ariac_score.trial.frames import frame
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
 
@@ -64,6 +65,23 @@ class Line(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
         yield self
         for child in self.children:
             yield from child.walk()
+
+    def to_frame(self) -> Any:
+        """The lines as a `pandas.DataFrame`, top down; amounts as floats, sums and what they are of alike.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        lines = list(self.walk())
+        columns = {
+            "path": [line.path for line in lines],
+            "label": [line.label for line in lines],
+            "kind": [line.kind for line in lines],
+            "amount": [float(line.amount) for line in lines],
+            "subject": [line.subject for line in lines],
+            "findings": [" ".join(line.findings) for line in lines],
+        }
+        return frame(columns, index="path", units={"amount": POINTS})
 
     @property
     def leaves(self) -> Iterator[Line]:

@@ -35,12 +35,15 @@ class Ariac:
     edition: int | None = None
     max_age_s: float = parameter(1.0, unit="s", at_least=0)
 
-    levels: ClassVar[Sequence[str]] = ("part", "submission", "order", "trial")
-    facts: ClassVar[Mapping[str, Mapping[str, str]]] = {
-        "trial": {"orders": "number"},
-        "order": {"index": "number", "parts": "number", "priority": "number"},
-        "submission": {"parts": "number"},
-        "part": {},
+    levels: ClassVar = ("part", "submission", "order", "trial")
+    facts: ClassVar = {
+        "submission": {"parts": {"type": "number", "meaning": "number of wanted products"}},
+        "order": {
+            "index": {"type": "number", "meaning": "0 for the first order announced, 1 for the second, …"},
+            "priority": {"type": "number", "meaning": "as the order gives it"},
+            "parts": {"type": "number", "meaning": "number of wanted products"},
+        },
+        "trial": {"orders": {"type": "number", "meaning": "number of orders"}},
     }
     words: ClassVar[Mapping[str, tuple[str, str]]] = {
         "trial": ("trial", "trials"),

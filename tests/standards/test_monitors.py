@@ -9,6 +9,7 @@ import csv
 import dataclasses
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -1213,6 +1214,20 @@ BUSY: Mapping[str, Any] = {
 }
 
 
+def test_a_formula_is_about_bodies_of_any_kind() -> None:
+    t = np.arange(3) * 0.05
+    near = Signal("gap/car/ann", "m", t, np.array([2.0, 0.5, 2.0]))
+    cast = (Body("ann", "pedestrian"), Body("car", "vehicle"))
+    trial = Trial("t", bodies=cast, signals={near.name: near}, recorded=Span(0.0, 0.1))
+    apart = Always(holds="gap >= 1", signals={"gap": "gap/{vehicle}/{pedestrian} [m]"}, unit="m")
+
+    (finding,) = apart.watch(trial)
+    (nobody,) = apart.watch(replace(trial, bodies=cast[:1]))
+
+    assert (finding.subject, finding.verdict, finding.robustness) == ("car/ann", VIOLATED, -0.5)
+    assert (nobody.verdict, nobody.message) == (INCONCLUSIVE, "the log shows no vehicle")
+
+
 def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.Subtests) -> None:
     """A price on a quantity is one in every trial; the sheet takes a name nobody has for a misspelt one."""
     cases = BUSY
@@ -1228,6 +1243,21 @@ def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.S
                 assert found[VIOLATED] <= found[SATISFIED]
             if name not in ("log.signal_coverage", "iso_9283.pose_performance", "formula.within"):
                 assert found[VIOLATED], "the trials show nothing"
+
+
+def test_whatever_is_measured_is_declared_in_the_unit_that_its_name_says(subtests: pytest.Subtests) -> None:
+    """The unit of a name is its end: `stop_time_s`, `travel_m`, `excess_max_m_s`, `impulse_N_s`."""
+    for name in BUSY:
+        with subtests.test(name=name):
+            declared = BUSY[name].measures
+            trials = [busy(seed, clean=clean) for seed in range(6) for clean in (False, True)]
+            found = {n for trial in trials for one in BUSY[name].watch(trial) for n in one.quantities}
+
+            assert found <= declared.keys()
+            for quantity, measure in declared.items():
+                if measure.unit not in ("1", "count"):
+                    assert quantity.endswith("_" + re.sub("[ /]", "_", measure.unit))
+                assert measure.meaning
 
 
 def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(
@@ -1850,7 +1880,8 @@ def test_a_bad_parameter_is_named(subtests: pytest.Subtests) -> None:
         (lambda: Always(holds="sqrt(v) > 1", signals={"v": "speed/{robot}"}), "unknown function 'sqrt'"),
         (lambda: Always(holds="v >", signals={"v": "speed/{robot}"}), "is not a formula"),
         (lambda: Always(holds="v.x()", signals={"v": "speed/{robot}"}), "is not allowed in a formula"),
-        (lambda: Always(signals={"v": "speed/{dog}"}), r"names \{dog\}; it may name robot"),
+        (lambda: Always(signals={"v": "speed/{robt}"}), r"names \{robt\}; did you mean robot\?"),
+        (lambda: Always(signals={"v": "speed/{0}"}), r"names \{0\}; it may name a kind of body: robot"),
         (lambda: Always(signals={"v": "pressure/{robot}"}), "of no known quantity: .*name its unit"),
         (lambda: Always(signals={"v": "speed/{robot} [km/h]"}), "but it is measured in 'm/s'"),
         (lambda: Always(signals={"v": "position/{robot}"}), "has 3 components"),
@@ -1876,7 +1907,7 @@ def test_a_rule_set_with_a_bad_parameter_is_refused(subtests: pytest.Subtests) -
         ("iso_10218_2.monitored_standstill", {"workspace": "square"}, "'square' is not a list"),
         ("iso_10218_2.monitored_standstill", {"workspace": [1, 2, 3]}, "1 is not a list"),
         ("iso_10218_2.pfl_speed", {"moving_mass_kg": -1}, "moving_mass_kg is -1 but must be positive"),
-        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024"),
+        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024, us"),
         ("formula.always", {"signals": ["speed/{robot}"]}, "is not a mapping of names to values"),
         ("formula.always", {"parameters": {"a": "b"}}, "'b' is not a float"),
         ("formula.always", {"holds": "v > 1 +"}, "signals is empty"),
