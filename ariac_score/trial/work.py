@@ -26,6 +26,7 @@ __all__ = [
     "dated_at",
     "items_at",
     "number_of_fact",
+    "paths_at",
 ]
 
 Fact: TypeAlias = "int | float | str | None"
@@ -191,8 +192,19 @@ def items_at(work: Sequence[WorkItem], level: str) -> Iterator[WorkItem]:
     >>> [item.id for item in items_at(work, "object")], [item.id for item in items_at(work, "")]
     (['bolt_1'], ['task_1'])
     """
+    return (item for _, item in paths_at(work, level))
+
+
+def paths_at(work: Sequence[WorkItem], level: str, inside: str = "") -> Iterator[tuple[str, WorkItem]]:
+    """The items of a level with their paths, as `items_at` finds them.
+
+    >>> work = (Item("task_1", "task", items=(Item("bolt_1", "object"),)),)
+    >>> [path for path, _ in paths_at(work, "object")]
+    ['task_1/bolt_1']
+    """
     for item in work:
+        path = f"{inside}/{item.id}" if inside else item.id
         if not level or item.level == level:
-            yield item
+            yield path, item
         else:
-            yield from items_at(item.items, level)
+            yield from paths_at(item.items, level, path)

@@ -14,6 +14,7 @@ import pytest
 from ariac_score.cli import main
 from ariac_score.installed.running import _Notes, note_in, noted, running
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 pytestmark = pytest.mark.slow  # processes that die
 
@@ -22,7 +23,6 @@ Install = Callable[..., str]
 HEAD = """
 from dataclasses import dataclass
 from ariac_score import Finding
-from ariac_score_ariac.testing import kitting_trial
 
 
 @dataclass(frozen=True)

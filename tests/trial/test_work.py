@@ -93,6 +93,6 @@ class Bolted:
 def test_a_rule_is_asked_about_each_item_of_the_level_it_names() -> None:
     plugin = Plugin("guest.bolted", "ariac_score.rules", "guest:Bolted", "guest", "1.0")
     found = ask(plugin, "bolted", Bolted(), Trial("t", work=(RUN,)))
-    assert [f.subject for f in found] == ["hole_1", "hole_2"]
+    assert [f.subject for f in found] == ["run_1/hole_1", "run_1/hole_2"]
     (idle,) = ask(plugin, "bolted", Bolted(), Trial("t", work=(Item("alone", "task"),)))
     assert idle.verdict is Verdict.NOT_APPLICABLE
