@@ -139,3 +139,16 @@ def test_its_rule_set_says_where_it_lies_and_json_lists_it(
     assert main(["plugins", "list", "--output-format", "json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {"course", "course.half"} <= {row["name"] for row in rows if row["kind"] == "rule_sets"}
+
+
+def test_its_monitor_keeps_the_contract_on_a_log_that_lacks_what_it_needs(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The height is derived by the distribution itself, as when a trial is scored."""
+    code = main(["plugins", "check", "course.low", "--trial", str(log), "--log-map", "course"])
+
+    out = capsys.readouterr().out
+    assert "bump_height" not in out
+    assert code == 0, out
+    assert main(["plugins", "show", "course.low"]) == 0
+    assert "`bump_height`" in capsys.readouterr().out
