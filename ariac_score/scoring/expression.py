@@ -23,7 +23,7 @@ from ariac_score.errors import FormulaError, did_you_mean
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Environment", "Expression", "Number", "Traced", "add_up", "text_of"]
+__all__ = ["COMPARISONS", "FUNCTIONS", "Environment", "Expression", "Number", "Traced", "add_up", "text_of"]
 
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
@@ -121,6 +121,10 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "any": (None, lambda *v: int(any(v))),
     "all": (None, lambda *v: int(all(v))),
 }
+COMPARISONS = _COMPARE
+"""How comparisons are written and decided."""
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {name: apply for name, (_, apply) in _SCALAR_FUNCTIONS.items()}
+"""The functions of numbers."""
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
