@@ -1,6 +1,7 @@
 """ariac-score: task rules and safety monitors over a trial log, and one explained score.
 
-Everything public is importable from here; plugins import nothing else. Names are
+Everything public is importable from here; plugins import nothing else, but what helps
+authors of monitors (`ariac_score.monitors`) and of tests (`ariac_score.testing`). Names are
 loaded when first used, so that importing the package costs next to nothing.
 
 >>> import ariac_score

@@ -29,12 +29,15 @@ class Measure:
         best: Its value in a trial that nothing can be said against, which a ledger compares with;
             `None`: what the role says, and for a `measure` that nobody can say.
         meaning: In words, for pages and `plugins show`.
+        signed: Whether it may be negative, as an offset in time may; `None`: unless it is a time or a
+            count. The engine refuses findings in which it is, and may not be.
     """
 
     unit: str
     role: Role = "measure"
     best: float | None = None
     meaning: str = ""
+    signed: bool | None = None
 
     @property
     def reference(self) -> float | None:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 from ariac_score.checks.contracts import Charting, Margined, Monitor, Rule
-from ariac_score.checks.findings import Finding, Verdict, settled
+from ariac_score.checks.finding_contract import Grounds, Subjects, breach_of, shown, watched_in
+from ariac_score.checks.findings import Finding, settled
 from ariac_score.checks.guarded import broken
+from ariac_score.checks.measures import Measure
 from ariac_score.checks.registry import Plugin
+from ariac_score.checks.units import is_unit
+from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
+from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.work import items_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
@@ -54,9 +59,10 @@ def ask(
             goes to standard error.
 
     Raises:
-        PluginError: The plugin raised, yielded nothing, something else or a contradiction, or changed the
-            trial.
+        PluginError: The plugin raised, yielded nothing or something else, gave a finding that breaks the
+            contract (see `checks.finding_contract`), or changed the trial.
     """
+    grounds = _grounds(plugin, name, check, trial)
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
     findings: list[Finding] = []
@@ -66,8 +72,6 @@ def ask(
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
-                if contradiction := _contradiction(finding):
-                    raise broken(plugin, contradiction, of=name)
                 findings.append(finding)
         except MissingSignalError as missing:
             findings.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
@@ -86,6 +90,7 @@ def ask(
         raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
+    findings = [_kept(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     units = _units(plugin, name, findings)
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
     return sorted((_stored(plugin, name, finding, units) for finding in findings), key=_order_of_findings)
@@ -129,13 +134,47 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
     return charts
 
 
-def _contradiction(finding: Finding) -> str:
-    """What is wrong with a violation whose margin says that the limit was kept; empty for anything else."""
-    margin = finding.robustness
-    # Not the other way round: a limit that was broken too briefly to count is satisfied by less than 0.
-    if finding.verdict is not Verdict.VIOLATED or margin is None or not margin > 0:
-        return ""
-    return f"finds {finding.subject!r} violated by a margin of {margin:+g}, but a violation has none above 0"
+def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
+    """What the findings of a check are held against."""
+    needs = needs_of(plugin, name, check)
+    needed = {need.quantity for need in needs}
+    signals = {signal: recorded.unit for signal, recorded in trial.signals.items()}
+    units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
+    try:
+        measures = getattr(check, "measures", None)
+        subjects = frozenset(getattr(check, "subjects", ()))
+        forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
+    except Exception as cause:
+        raise broken(
+            plugin, f"raised {type(cause).__name__} about what it measures: {cause}", of=name
+        ) from cause
+    if measures is not None:
+        _refuse_measures(plugin, name, measures, units)
+    return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
+
+
+def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection[str]) -> None:
+    """Refuse a declaration of quantities that is none."""
+    if not isinstance(measures, Mapping):
+        raise broken(plugin, f"has 'measures' that are a {type(measures).__name__}, no mapping", of=name)
+    for quantity, measure in measures.items():
+        if not isinstance(measure, Measure):
+            raise broken(plugin, f"declares {quantity!r} by {measure!r}, which is no Measure", of=name)
+        if not is_unit(measure.unit, units):
+            raise broken(
+                plugin, f"declares {quantity!r} in {measure.unit!r}, which is no known unit", of=name
+            )
+
+
+def _kept(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
+    """A finding that keeps the contract, with the units that its check declares."""
+    if breach := breach_of(finding, grounds):
+        raise broken(plugin, f"gives finding {number}, {shown(finding)}, which cannot be: {breach}", of=name)
+    if grounds.measures is None:
+        return finding
+    return replace(
+        finding, units={quantity: grounds.measures[quantity].unit for quantity in finding.quantities}
+    )
 
 
 def _units(plugin: Plugin, name: str, findings: Iterable[Finding]) -> dict[str, str]:

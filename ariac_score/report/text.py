@@ -114,15 +114,24 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
     # An official scorer knows neither other teams nor safety: it prints what here is the task score.
     ours = result.task.amount if result.task is not None else result.score
-    same = ours is not None and ours == Decimal(repr(total))
+    printed = official.items.get("final_score", "") if official is not None else ""
+    same = ours is not None and abs(ours - Decimal(repr(total))) <= _half_a_digit(printed)
     whose = "our task score" if result.task is not None else "ours"
     words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
+    if same and ours != Decimal(repr(total)):
+        words += ", to the digits that are printed"
     if ours is None:
         words = "ours is withheld, so nothing says whether it is the same"
     yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))
     if official is not None and official.process_time_s:
         own = f"; from this log {result.measured.window.duration_s:.3f} s" if result.measured.window else ""
         yield style(f"official process time {official.process_time_s:g} s{own}", "dim")
+
+
+def _half_a_digit(printed: str) -> Decimal:
+    """Half of the last digit that is printed; whole numbers, and a text that is not known, are exact."""
+    digits = printed.strip().partition(".")[2]
+    return Decimal(5).scaleb(-len(digits) - 1) if digits.isdigit() else Decimal(0)
 
 
 def _ledger(result: Result, style: Style) -> Iterator[str]:

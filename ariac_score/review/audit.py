@@ -239,8 +239,9 @@ def _others(against: str | RuleSet, first: RuleSet) -> tuple[RuleSet, ...]:
 
 def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialResult, str]:
     """The official result alone, and the layout it is printed in."""
-    for part in bundle.parts:
-        if part.role == "official":
+    # The log comes last: some competitions write their scores into the file that is their log.
+    for part in sorted(bundle.parts, key=lambda part: part.role != "official"):
+        if part.role in ("official", "log"):
             reader = readers[part.reader]
             # No log map: an official text has no signals.
             official = reader.read(part.path, Wanted(LogMap("audit"), run=part.run)).official
@@ -259,7 +260,7 @@ def _block_of(official: OfficialResult) -> PrintedBlock:
     # Readers write the place of an item into its label: `shipment_0/completed`.
     values = {label: value for label, value in official.items.items() if "/" not in label}
     if official.total is not None:
-        values["final_score"] = f"{official.total:.12g}"
+        values.setdefault("final_score", f"{official.total:.12g}")
     return PrintedBlock("trial", "", values, inner=tuple(_order_block(order) for order in official.summaries))
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
+from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
@@ -30,7 +31,6 @@ from ariac_score.testing.contract_check import (
     snapshot,
     undocumented,
 )
-from ariac_score.testing.margin_contract import margin_fault
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
@@ -91,11 +91,10 @@ class _Checked:
         named = [
             ("docstring_sections", "its docstring has the sections of a help page", self.docstring_sections),
             ("built_by_name", "a rule set can build it, with parameters by name", self.built_by_name),
+            ("possible_findings", "times, units, numbers and subjects are possible", self.possible),
             ("time_budget", "it keeps its budget of processor time", self.time_budget),
             ("prints_nothing", "it prints nothing", self.prints_nothing),
             ("at_least_one_finding", "silence is not a verdict, whatever the trial", self.finds_something),
-            ("units_declared", "margins and evidence have a unit", self.units_declared),
-            ("spans_inside", "spans and evidence lie inside the trial", self.spans_inside),
             ("same_trial_same_findings", "the same trial gives the same findings", self.repeats),
             ("trial_unchanged", "it leaves the trial as it was", self.trial_unchanged),
             ("order_of_signals", "the order of signals and bodies is irrelevant", self.order_of_signals),
@@ -199,6 +198,9 @@ class _Checked:
             raise self.broken(f"makes a {type(made).__name__} when it is built")
         return made
 
+    def possible(self) -> None:
+        assert self.findings  # each was held against the contract of findings when it was given
+
     def time_budget(self) -> None:
         self.ask(self.trial)
 
@@ -217,38 +219,6 @@ class _Checked:
             replace(self.trial, events=()),
         ):
             self.ask(trial)
-
-    def units_declared(self) -> None:
-        for finding in self.findings:
-            if finding.robustness is not None and not finding.unit:
-                raise self.broken(f"gives a margin without a unit: {finding.message!r}")
-            for sample in finding.evidence:
-                if not sample.unit:
-                    raise self.broken(f"gives evidence {sample.signal!r} without a unit; 1 is one too")
-                recorded = self.trial.signals.get(sample.signal)
-                if recorded is not None and recorded.unit != sample.unit:
-                    raise self.broken(
-                        f"gives evidence {sample.signal!r} in {sample.unit!r}, recorded in {recorded.unit!r}"
-                    )
-
-    def spans_inside(self) -> None:
-        self._inside(self.findings, self.trial)
-
-    def _inside(self, findings: Iterable[Finding], trial: Trial) -> None:
-        ends = [span for span in (trial.recorded, trial.window) if span is not None]
-        if not ends:
-            return
-        # Stamps are rounded where they are shifted or added up.
-        start_s, end_s = min(span.start_s for span in ends) - 1e-9, max(span.end_s for span in ends) + 1e-9
-        for finding in findings:
-            times = [sample.t_s for sample in finding.evidence]
-            times += [finding.span.start_s, finding.span.end_s] if finding.span else []
-            for t_s in times:
-                if not start_s <= t_s <= end_s:
-                    raise self.broken(
-                        f"gives the time {t_s:g} s, outside the trial from {start_s:g} s to {end_s:g} s: "
-                        f"{finding.message!r}"
-                    )
 
     def repeats(self) -> None:
         assert self.findings  # made before the others, so that these are second answers
@@ -319,7 +289,6 @@ class _Checked:
         """A fault of the recorder makes no numbers out of nothing, and no good verdict."""
         trial = SIGNAL_VARIANTS[name](self.trial)
         found = self.ask(trial)
-        self._inside(found, trial)
         satisfied = any(f.verdict is Verdict.SATISFIED for f in found)
         inconclusive = any(f.verdict is Verdict.INCONCLUSIVE for f in found)
         if name in HOLLOW and self.needed() and satisfied and not inconclusive:
@@ -357,7 +326,7 @@ class _Checked:
         )
         if list(map(_chart_marks, first)) != list(map(_chart_marks, second)):
             raise self.broken("gives other margins the second time")
-        fault = margin_fault(self.trial, self.needed(), self.findings, first)
+        fault = margin_breach(self.trial, self.needed(), self.findings, first)
         if fault:
             raise self.broken(fault)
 
@@ -388,7 +357,7 @@ class _Checked:
 
     def _checked(self, findings: list[Finding]) -> list[Finding]:
         """Findings of a watch after the same checks, order and rounding as those of any monitor."""
-        return self.ask(replace(self.trial, signals={}), _Replayed(findings))
+        return self.ask(self.trial, _Replayed(findings))
 
 
 def _chart_marks(chart: Chart) -> tuple[object, ...]:

@@ -396,7 +396,8 @@ class OfficialResult:
         outcome: How the run ended unless it ended regularly: `crashed` (the simulator died, nothing was
             scored), `cancelled` (by the user), `aborted` (before all orders were submitted); else empty.
         summaries: What is printed of each order, in the order of the record.
-        items: Whatever else is printed of the trial, as printed, by label, such as `trial_time_limit`.
+        items: Whatever else is printed of the trial, as printed, by label, such as `trial_time_limit`;
+            `final_score` is the total with the digits it is printed with, where it is rounded.
     """
 
     source: str

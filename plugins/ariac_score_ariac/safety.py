@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, inf, sqrt
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ariac_score import (
     Event,
     Finding,
     InstantVerdict,
+    Measure,
     OnlineWatch,
     Sample,
     Signal,
@@ -26,38 +27,27 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score_standards.blame import (
-    SPEED,
-    exposure_of,
-    robot_moving,
-)
-from ariac_score_standards.online import PairsOnline
-from ariac_score_standards.severity import (
-    Bound,
-    Episode,
-    JudgedLimit,
-    LimitMonitor,
-    Rows,
-    Statement,
-    no_severities,
-    rows_of_episodes,
-)
-from ariac_score_standards.watching import (
+from ariac_score.monitors import (
     ENVIRONMENT,
     OFF,
     ON,
     BoolArray,
-    Values,
+    Bound,
+    Encounter,
+    Episode,
+    JudgedLimit,
+    MarginMonitor,
+    Rows,
+    Signals,
     Watched,
-    watch_pairs,
+    pairs,
+    rows_of_episodes,
     watched_signals,
 )
 
-_CONTACT_CLAUSE = "ARIAC 2022 scoring, robot-human collision"
-
 
 @dataclass(frozen=True)
-class HumanContact(LimitMonitor):
+class HumanContact(MarginMonitor):
     """No robot touches a human.
 
     Measures:
@@ -84,86 +74,43 @@ class HumanContact(LimitMonitor):
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    subjects = pairs("robot", "human")
+    unit, critical = "m", True
+    clause = "ARIAC 2022 scoring, robot-human collision"
+
+    @property
+    def what(self) -> str:
+        """The distance it measures."""
+        return self.distance.replace("_", " ")
 
     @property
     def _template(self) -> str:
         return f"{self.distance}/{{robot}}/{{human}}"
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """The distance between the two, and the speed, which shows whether the robot moved."""
-        yield SignalNeed(self.distance, "m", self.max_gap_s)
-        yield SignalNeed("speed", "m/s", self.max_gap_s, optional=True)
+    @property
+    def wanted(self) -> dict[str, str]:
+        """The distance between the two."""
+        return {self._template: "m"}
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """Findings for every pair: its contacts, or its closest moment."""
-        return watch_pairs(
-            trial,
-            {self._template: "m"},
-            max_gap_s=self.max_gap_s,
-            clause=_CONTACT_CLAUSE,
-            judge=self._judge,
-            optional={SPEED: "m/s"},
-        )
+    @property
+    def encounter(self) -> Encounter:
+        """Exposure and whether the robot moved; who closed in, the rules of ARIAC do not ask."""
+        return Encounter(self._template, tells=("robot_moving",))
 
-    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that says of every instant whether the two touch."""
-        wanted = {self._template: "m"}
-        return PairsOnline(wanted, bodies, max_gap_s=self.max_gap_s, judge=self._standing, watch=self.watch)
+    def margin(self, signals: Signals) -> Bound:
+        """Distance - the distance that is contact, m; at that distance they touch."""
+        return self.at_least(signals[self._template], self.contact_distance_m, strict=True)
 
-    def _standing(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
-        """What holds at one instant."""
-        bound = self._bound(now, self.contact_distance_m)
-        distance_m, margin_m = float(bound.actual), float(bound.margin)
-        if margin_m > 0:
-            return InstantVerdict(subject, t_s, Verdict.SATISFIED, f"{distance_m:.3f} m apart", margin_m, "m")
-        return InstantVerdict(subject, t_s, Verdict.VIOLATED, f"contact: {distance_m:.3f} m", margin_m, "m")
+    def instant(self, bound: Bound) -> str:
+        """How far apart they are."""
+        return f"contact: {bound.actual:.3f} m" if bound.broken else f"{bound.actual:.3f} m apart"
 
-    def _bound(self, watched: Values, contact_m: float) -> Bound:
-        distance_m = watched[self._template]
-        return Bound(self.distance.replace("_", " "), distance_m, np.full_like(distance_m, contact_m), "m")
-
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Statement]:
-        yield JudgedLimit(subject, watched, self._bound(watched, self.contact_distance_m))
-        # Contact is at the limit too, so the limit itself must count as below it.
-        beyond_m = float(np.nextafter(self.contact_distance_m, np.inf))
-        limit = JudgedLimit(subject, watched, self._bound(watched, beyond_m))
-        exposure = exposure_of(watched, self._template)
-        episodes = limit.episodes(t_on_s=0.0, t_off_s=self.t_off_s)
-        for episode in episodes:
-            yield self._contact(limit, episode, exposure)
-        closest = limit.closest
-        if closest is not None and not episodes and not watched.gaps:
-            distance_m = float(limit.bound.actual[closest])
-            yield Finding(
-                subject,
-                Verdict.SATISFIED,
-                f"never nearer than {distance_m:.3f} m, at {watched.t[closest]:.3f} s",
-                robustness=distance_m - self.contact_distance_m,
-                unit="m",
-                quantities={**no_severities("m"), **exposure},
-                evidence=limit.evidence(closest),
-                clause=_CONTACT_CLAUSE,
-            )
-
-    def _contact(self, limit: JudgedLimit, episode: Episode, exposure: Mapping[str, float]) -> Finding:
-        # Robustness against the contact distance: `limit` is the next number above it.
-        watched, worst = limit.watched, episode.worst
-        distance_m, speed = float(limit.bound.actual[worst]), watched.get(SPEED)
-        return Finding(
-            limit.subject,
-            Verdict.VIOLATED,
-            f"contact: {distance_m:.3f} m at {watched.t[worst]:.3f} s",
-            span=episode.span,
-            robustness=distance_m - self.contact_distance_m,
-            unit="m",
-            quantities={**episode.quantities, **exposure},
-            labels={"robot_moving": "unknown" if speed is None else robot_moving(speed[episode.rows])},
-            evidence=limit.evidence(worst),
-            clause=_CONTACT_CLAUSE,
-            critical=True,
-        )
+    def message(self, limit: JudgedLimit, row: int, episode: Episode | None) -> str:
+        """How near they came, and when."""
+        distance_m, at_s = limit.bound.actual[row], limit.watched.t[row]
+        if episode is None:
+            return f"never nearer than {distance_m:.3f} m, at {at_s:.3f} s"
+        return f"contact: {distance_m:.3f} m at {at_s:.3f} s"
 
 
 @dataclass(frozen=True)
@@ -182,6 +129,8 @@ class NoEvent:
 
     kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")
     critical: bool = parameter(False, source="whether each is a critical event")
+
+    measures: ClassVar[Mapping[str, Measure]] = {}  # it counts, and measures nothing
 
     def needs(self) -> Iterator[SignalNeed]:
         """No signal: events come with every log."""
@@ -238,14 +187,14 @@ class _EventsOnline:
 # Collisions that cost per occurrence -----------------------------------------------------------
 
 _COLLISION_CLAUSE = "ARIAC 2025 rules, collisions"
-_COLLISION_QUANTITIES = (
-    "occurrences",
-    "length_s",
-    "time_in_violation_s",
-    "relative_speed_m_s",
-    "force_max_N",
-    "impulse_N_s",
-)
+_OF_COLLISION = {
+    "occurrences": Measure("count", best=0.0, meaning="how often it counts"),
+    "length_s": Measure("s", best=0.0, meaning="from the first touch to the last"),
+    "time_in_violation_s": Measure("s", best=0.0, meaning="how long they touched"),
+    "relative_speed_m_s": Measure("m/s", best=0.0, meaning="speed against each other when they met"),
+    "force_max_N": Measure("N", best=0.0, meaning="largest force"),
+    "impulse_N_s": Measure("N s", best=0.0, meaning="force, summed over time"),
+}
 """What may be measured of a collision; all 0 where there is none."""
 _ROUNDING = 1e-9
 
@@ -328,6 +277,8 @@ class CollisionEpisodes:
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
+    measures: ClassVar[Mapping[str, Measure]] = _OF_COLLISION
+
     def __post_init__(self) -> None:
         check_parameters(self)
 
@@ -388,7 +339,7 @@ class CollisionEpisodes:
         return None
 
     def _watched(self, trial: Trial, signal: Signal) -> Watched:
-        return watched_signals([signal], self.max_gap_s, trial.window, {})
+        return watched_signals([signal], self.max_gap_s, trial)
 
     def _from_events(self, trial: Trial, first: Body, second: Body) -> list[Span]:
         """Contacts between `on` and `off` events; one that never ends lasts as long as the log."""
@@ -434,7 +385,7 @@ class CollisionEpisodes:
                 subject,
                 Verdict.SATISFIED,
                 "they never touched",
-                quantities=dict.fromkeys(_COLLISION_QUANTITIES, 0.0),
+                quantities=dict.fromkeys(_OF_COLLISION, 0.0),
                 clause=_COLLISION_CLAUSE,
             )
 

@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ariac_score import Span, Trial, align, exact_sum
-from ariac_score_standards.blame import APART, SPEED, STANDSTILL_SPEED_M_S
-from ariac_score_standards.parameters import TOLERANCE_S
-from ariac_score_standards.watching import BoolArray, FloatArray, Subject
+from ariac_score import FloatArray, Span, Trial, align, exact_sum
+from ariac_score.monitors import APART, SPEED, STANDSTILL_SPEED_M_S, TOLERANCE_S, BoolArray, Subject
 
 __all__ = ["ExposedTime", "holds_over"]
 

@@ -21,11 +21,10 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from itertools import product
 from string import Formatter
 from typing import Any, ClassVar
 
@@ -33,36 +32,30 @@ import numpy as np
 
 from ariac_score import (
     QUANTITIES,
-    Body,
     Expression,
     Finding,
+    FloatArray,
     FormulaError,
-    InstantVerdict,
-    OnlineWatch,
-    SignalNeed,
+    Measure,
     Span,
-    Trial,
     Verdict,
     check_parameters,
     parameter,
 )
-from ariac_score_standards.online import SubjectsOnline
-from ariac_score_standards.parameters import TOLERANCE_S
-from ariac_score_standards.severity import (
+from ariac_score.monitors import (
+    TOLERANCE_S,
+    BoolArray,
     Bound,
     Episode,
+    FindingRules,
     JudgedLimit,
-    LimitMonitor,
-    Statement,
-    rows_of_episodes,
-)
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
-    Values,
+    MarginMonitor,
+    Signals,
+    SubjectMonitor,
+    Subjects,
+    UndecidedError,
     Watched,
-    watch_subjects,
+    rows_of_episodes,
 )
 
 _KINDS = ("robot", "agv", "human")
@@ -210,7 +203,7 @@ def _source(name: str, text: str) -> _Source:
 
 
 @dataclass(frozen=True)
-class Formula:
+class Formula(SubjectMonitor):
     """Signals, parameters and episodes of a monitor that is written as a formula."""
 
     signals: Mapping[str, str] | None = parameter(None, source="signal template by name")
@@ -262,63 +255,47 @@ class Formula:
         return {text: Expression.parse(text) for text in self._texts}
 
     @property
-    def _clause(self) -> str:
-        return self.clause or "formula of the rule set"
+    def lacks(self) -> str:
+        """A formula."""
+        return "" if all(self._texts) else "no formula is given"
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """The quantities of its signals."""
-        for source in dict.fromkeys(self._sources.values()):
-            yield SignalNeed(source.quantity, source.unit, self.max_gap_s)
+    @property
+    def rules(self) -> FindingRules:
+        """As the rule set has them."""
+        clause = self.clause or "formula of the rule set"
+        critical = self.critical
+        return FindingRules(clause, self.t_on_s, self.t_off_s, critical=critical, measures_clean=False)
 
-    def _subjects(self, trial: Trial) -> tuple[list[Subject], tuple[str, ...]]:
-        """Every combination of bodies of the kinds that the templates name; and these kinds."""
-        templates = " ".join(source.template for source in self._sources.values())
-        kinds = tuple(kind for kind in _KINDS if f"{{{kind}}}" in templates)
-        if not kinds:
-            return [Subject("trial", {})], kinds
-        ids = [[body.id for body in trial.bodies_of(kind)] for kind in kinds]
-        return [
-            Subject("/".join(chosen), dict(zip(kinds, chosen, strict=True))) for chosen in product(*ids)
-        ], kinds
+    @property
+    def wanted(self) -> dict[str, str]:
+        """Its signals."""
+        return {source.template: source.unit for source in self._sources.values()}
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """Everything about every combination of bodies that the formula is about."""
-        if not all(self._texts):
-            yield Finding.inconclusive("trial", "no formula is given", span=trial.window, clause=self._clause)
-            return
-        subjects, kinds = self._subjects(trial)
-        yield from watch_subjects(
-            trial,
-            subjects,
-            {source.template: source.unit for source in self._sources.values()},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._guarded(trial, subject, watched),
-            kinds=kinds,
-        )
+    @property
+    def subjects(self) -> Subjects:
+        """Every combination of bodies of the kinds that the templates name."""
+        templates = " ".join(self.wanted)
+        return Subjects(tuple(kind for kind in _KINDS if f"{{{kind}}}" in templates))
 
-    def _guarded(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        """What the formula finds; inconclusive where it has no value."""
-        try:
-            yield from self._judge(subject, watched)
-        except FormulaError as wrong:
-            message = f"the formula has no value: {wrong.cause}"
-            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+    def _of(self, text: str, signals: Signals) -> FormulaValues:
+        """A formula on columns, or at one instant.
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        """Everything about a subject; the formula is evaluated before anything is stated."""
-        raise NotImplementedError
-
-    def _of(self, text: str, watched: Values, rows: int) -> FormulaValues:
+        Raises:
+            UndecidedError: It has no value.
+        """
         values: dict[str, Any] = dict(self._numbers)
         for name, source in self._sources.items():
-            column = watched[source.template]
-            values[name] = column if source.axis is None else column[:, source.axis]
-        return judge_columns(self._parsed[text], values, rows)
+            column = signals[source.template]
+            values[name] = np.atleast_1d(column if source.axis is None else column[..., source.axis])
+        rows = len(values[next(iter(self._sources))])
+        try:
+            return judge_columns(self._parsed[text], values, rows)
+        except FormulaError as wrong:
+            raise UndecidedError(f"the formula has no value: {wrong.cause}") from wrong
 
 
 @dataclass(frozen=True)
-class Always(Formula, LimitMonitor):
+class Always(Formula, MarginMonitor):
     """A formula over signals holds at every sample of the competition.
 
     Measures:
@@ -346,32 +323,6 @@ class Always(Formula, LimitMonitor):
     def _texts(self) -> tuple[str, ...]:
         return (self.holds,)
 
-    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges at every instant whether the formula holds, for the bodies known beforehand."""
-        templates = [source.template for source in self._sources.values()]
-        known, _ = self._subjects(Trial("", bodies=tuple(bodies if all(self._texts) else ())))
-        subjects = {
-            subject.name: {template: subject.fill(template) for template in templates} for subject in known
-        }
-        return SubjectsOnline(
-            subjects if all(self._texts) else {},
-            max_gap_s=self.max_gap_s,
-            judge=self._verdict_at,
-            watch=self.watch,
-        )
-
-    def _verdict_at(self, subject: str, t_s: float, values: Mapping[str, Any]) -> InstantVerdict:
-        """The verdict on one instant."""
-        try:
-            now = self._bound({template: np.array([value]) for template, value in values.items()}, 1)
-        except FormulaError as wrong:
-            message = f"the formula has no value: {wrong.cause}"
-            return InstantVerdict(subject, t_s, Verdict.INCONCLUSIVE, message)
-        margin, holds = float(now.margin[0]), not now.broken[0]
-        words = f"{self._quoted} {'holds' if holds else 'does not hold'} by {abs(margin):.3f}{self._unit}"
-        verdict = Verdict.SATISFIED if holds else Verdict.VIOLATED
-        return InstantVerdict(subject, t_s, verdict, words, margin, self.unit)
-
     @property
     def _unit(self) -> str:
         return "" if self.unit == "1" else f" {self.unit}"
@@ -380,41 +331,35 @@ class Always(Formula, LimitMonitor):
         """The formula as a requirement; a subclass may turn it round."""
         return found
 
-    def _bound(self, watched: Values, rows: int) -> _FormulaBound:
-        found = self._required(self._of(self.holds, watched, rows))
-        what, nothing = "margin of the formula", np.zeros(rows)
-        if found.limit is None:
-            return _FormulaBound(what, found.margin, nothing, self.unit, judged=found)
-        return _FormulaBound(what, found.margin, found.limit, self.unit, evidence="limit", judged=found)
-
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        limit = JudgedLimit(subject.name, watched, self._bound(watched, len(watched)))
-        margin = limit.bound.margin
-        yield replace(limit, bound=Bound(limit.bound.what, margin, np.zeros(len(margin)), self.unit))
-        episodes = limit.episodes(t_on_s=self.t_on_s, t_off_s=self.t_off_s)
-        for episode in episodes:
-            yield self._finding(limit, episode.worst, episode)
-        if not episodes and not watched.gaps and limit.closest is not None:
-            yield self._finding(limit, limit.closest, None)
-
-    def _finding(self, limit: JudgedLimit, row: int, episode: Episode | None) -> Finding:
-        margin, at = float(limit.bound.margin[row]), f"at {limit.watched.t[row]:.3f} s"
-        kept = f"holds; closest by {margin:.3f}{self._unit}, {at}"
-        broken = f"does not hold; at worst by {-margin:.3f}{self._unit}, {at}"
-        if episode is None and limit.bound.broken[row]:  # but too briefly to count
-            kept = f"never broken for {self.t_on_s:g} s; at worst by {-margin:.3f}{self._unit}, {at}"
-        return Finding(
-            limit.subject,
-            Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
-            f"{self._quoted} {kept if episode is None else broken}",
-            span=None if episode is None else episode.span,
-            robustness=margin,
-            unit=self.unit,
-            quantities={} if episode is None else episode.quantities,
-            evidence=limit.evidence(row),
-            clause=self._clause,
-            critical=self.critical and episode is not None,
+    def margin(self, signals: Signals) -> _FormulaBound:
+        """The margin of the formula, in its unit."""
+        found = self._required(self._of(self.holds, signals))
+        limit = np.zeros_like(found.margin) if found.limit is None else found.limit
+        bound = _FormulaBound(
+            "margin of the formula",
+            found.margin,
+            limit,
+            self.unit,
+            evidence="" if found.limit is None else "limit",
+            holds=found.true,
         )
+        return bound if isinstance(signals, Watched) else bound.at(0)
+
+    def instant(self, bound: Bound) -> str:
+        """Whether it holds, and by how much."""
+        holds = "does not hold" if bound.broken else "holds"
+        return f"{self._quoted} {holds} by {abs(float(bound.margin)):.3f}{self._unit}"
+
+    def message(self, limit: JudgedLimit, row: int, episode: Episode | None) -> str:
+        """Whether it held, and by how much."""
+        margin, at = float(limit.bound.margin[row]), f"at {limit.watched.t[row]:.3f} s"
+        if episode is not None:
+            outcome = f"does not hold; at worst by {-margin:.3f}"
+        elif limit.bound.broken[row]:  # but too briefly to count
+            outcome = f"never broken for {self.t_on_s:g} s; at worst by {-margin:.3f}"
+        else:
+            outcome = f"holds; closest by {margin:.3f}"
+        return f"{self._quoted} {outcome}{self._unit}, {at}"
 
     @property
     def _quoted(self) -> str:
@@ -425,17 +370,31 @@ class Always(Formula, LimitMonitor):
 class _FormulaBound(Bound):
     """A formula as a limit: margin and truth are those of the formula."""
 
-    judged: FormulaValues
+    holds: BoolArray
 
     @cached_property
     def margin(self) -> FloatArray:
-        """That of the formula."""
-        return self.judged.margin
+        """That of the formula; the limit is what it compares with."""
+        return self.actual
+
+    @property
+    def limited(self) -> BoolArray:
+        """Everywhere."""
+        return np.ones_like(self.holds)
 
     @property
     def broken(self) -> BoolArray:
         """Where it is not true; that can be at a margin of 0."""
-        return ~self.judged.true
+        return ~self.holds
+
+    @property
+    def shown(self) -> tuple[FloatArray, FloatArray]:
+        """The margin, against 0."""
+        return self.actual, np.zeros_like(self.actual)
+
+    def at(self, row: int) -> _FormulaBound:
+        """The same at one sample, as numbers."""
+        return replace(self, actual=self.actual[row], limit=self.limit[row], holds=self.holds[row])
 
 
 @dataclass(frozen=True)
@@ -495,36 +454,39 @@ class Within(Formula):
     def _texts(self) -> tuple[str, ...]:
         return (self.trigger, self.response)
 
-    def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every subject each late response, or the latest that was in time."""
-        return (one for one in self.statements(trial) if isinstance(one, Finding))
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "response_s": Measure("s", meaning="how long the response took"),
+        "time_in_violation_s": Measure("s", best=0.0, meaning="how much too long"),
+    }
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        answers = self._answers(watched)
+    def about(self, signals: Watched) -> Iterator[Finding]:
+        """Each late response, or the latest that was in time."""
+        subject, clause = signals.subject.name, self.rules.clause
+        answers = self._answers(signals)
         late = [(began, takes) for began, takes in answers if takes > self.within_s + TOLERANCE_S]
         for began, takes in late:
-            yield self._late(subject, watched, began, takes)
-        if late or watched.gaps:
+            yield self._late(signals, began, takes)
+        if late or signals.gaps:
             return
         if not answers:
             message = f"'{self.trigger}' never began to hold"
-            yield Finding.not_applicable(subject.name, message, clause=self._clause)
+            yield Finding.not_applicable(subject, message, clause=clause)
             return
         began, takes = max(answers, key=lambda answer: (answer[1], answer[0]))
         yield Finding(
-            subject.name,
+            subject,
             Verdict.SATISFIED,
             f"the latest response took {takes:.3f} s, to {began:.3f} s (at most {self.within_s:g} s)",
             robustness=self.within_s - takes,
             unit="s",
             quantities={"response_s": takes, "time_in_violation_s": 0.0},
-            clause=self._clause,
+            clause=clause,
         )
 
     def _answers(self, watched: Watched) -> list[tuple[float, float]]:
         """When the trigger began to hold, and how long the response then took; infinite: it never came."""
-        answered = watched.t[self._of(self.response, watched, len(watched)).true]
-        triggered = self._of(self.trigger, watched, len(watched)).true
+        answered = watched.t[self._of(self.response, watched).true]
+        triggered = self._of(self.trigger, watched).true
         found = []
         for span, _ in rows_of_episodes(watched, triggered, t_on_s=self.t_on_s, t_off_s=self.t_off_s):
             after = int(answered.searchsorted(span.start_s))
@@ -532,25 +494,24 @@ class Within(Formula):
             found.append((span.start_s, takes))
         return found
 
-    def _late(self, subject: Subject, watched: Watched, began: float, takes: float) -> Finding:
+    def _late(self, watched: Watched, began: float, takes: float) -> Finding:
+        subject, clause = watched.subject.name, self.rules.clause
         deadline, last = began + self.within_s, watched.end_s
         unseen = [gap for gap in watched.gaps if gap.start_s < deadline and gap.end_s > began]
         if unseen or last < deadline - TOLERANCE_S:
             message = f"the response to {began:.3f} s is not in the log until {deadline:.3f} s"
-            return Finding.inconclusive(
-                subject.name, message, span=Span(began, max(began, last)), clause=self._clause
-            )
+            return Finding.inconclusive(subject, message, span=Span(began, max(began, last)), clause=clause)
         answered = np.isfinite(takes)
         end = began + takes if answered else last
         came = f"came after {takes:.3f} s" if answered else "never came"
         return Finding(
-            subject.name,
+            subject,
             Verdict.VIOLATED,
             f"the response to {began:.3f} s {came} (at most {self.within_s:g} s)",
             span=Span(began, end),
             robustness=min(self.within_s - (end - began), 0.0),
             unit="s",
             quantities={"response_s": end - began, "time_in_violation_s": end - deadline},
-            clause=self._clause,
+            clause=clause,
             critical=self.critical,
         )

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ariac_score_standards.watching import BoolArray, FloatArray
+from ariac_score import FloatArray
+from ariac_score.monitors import BoolArray
 
 Polygon = tuple[tuple[float, ...], ...]
 """Corners in order, each (x, y) in m; the last is joined to the first."""

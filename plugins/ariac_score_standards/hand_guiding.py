@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.blame import STANDSTILL_SPEED_M_S
-from ariac_score_standards.parameters import GAP, SPEED, TIME, TOLERANCE_S
-from ariac_score_standards.severity import (
+from ariac_score import FloatArray, parameter
+from ariac_score.monitors import (
+    STANDSTILL_SPEED_M_S,
+    TOLERANCE_S,
+    BoolArray,
     Bound,
-    JudgedLimit,
     LimitMonitor,
     Reach,
-    Rules,
-    Statement,
-    limit_findings,
-)
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
     Watched,
-    bodies_of,
+    bodies,
     first_of_runs,
-    flag_over,
-    watch_subjects,
 )
+from ariac_score_standards.parameters import GAP, SPEED, TIME
 
 
 @dataclass(frozen=True)
@@ -56,17 +47,17 @@ class HandGuiding(LimitMonitor):
     t_on_s: float = parameter(0.0, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO/TS 15066:2016, 5.5.3"
+    subjects = bodies("robot")
+    wanted: ClassVar[Mapping[str, str]] = {"speed/{robot}": "m/s"}
+    what, unit = "speed of the guided robot", "m/s"
+    clause = "derived from ISO/TS 15066:2016, 5.5.3"
+    idle = "the robot was never guided by hand"
+    reach = Reach("run")  # the allowed speed depends on when the device was released
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
-
-    def needs(self) -> Iterator[SignalNeed]:
-        """Speed and flags."""
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield SignalNeed("enabling_device", "1", self.max_flag_age_s)
-        if self.applies == "manual_mode":
-            yield SignalNeed("manual_mode", "1", self.max_flag_age_s)
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The device, and the mode where it counts."""
+        return ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ()))
 
     def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray) -> FloatArray:
         """The limit of each moment, shape (n,), m/s."""
@@ -77,33 +68,12 @@ class HandGuiding(LimitMonitor):
         stopping = (since_s < self.stop_within_s - TOLERANCE_S) & ~never
         return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
 
-    @property
-    def reach(self) -> Reach:
-        """The allowed speed depends on when the device was released."""
-        return Reach("run")
-
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every robot where it was too fast, or its closest moment."""
-        return watch_subjects(
-            trial,
-            bodies_of(trial, "robot"),
-            {"speed/{robot}": "m/s"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched),
+    def margin(self, signals: Watched) -> Bound:
+        """Allowed speed - speed, m/s."""
+        pressed, *manual = (signals.flag(name, self.max_flag_age_s) for name in self.flags)
+        return self.at_most(
+            signals["speed/{robot}"],
+            self.allowed_speed_m_s(signals.t, pressed),
+            where=manual[0] if manual else None,
+            named="allowed_speed",
         )
-
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        flags: list[BoolArray] = []
-        for name in ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ())):
-            flag = flag_over(trial, subject, name, self.max_flag_age_s, watched, self._clause)
-            if isinstance(flag, Finding):
-                yield flag
-                return
-            flags.append(flag)
-        pressed, *manual = flags
-        speed, limit = watched["speed/{robot}"], self.allowed_speed_m_s(watched.t, pressed)
-        applies = manual[0] if manual else None
-        bound = Bound("speed of the guided robot", speed, limit, "m/s", True, applies, "allowed_speed")
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "the robot was never guided by hand")
-        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules)

@@ -9,53 +9,39 @@ cuts it, 2 stops under control and keeps it. ISO 13850 allows 0 and 1 for an eme
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from ariac_score import (
     Event,
     Finding,
-    SignalNeed,
+    FloatArray,
+    Measure,
     Span,
-    Trial,
     Verdict,
-    check_parameters,
     episodes_where,
     exact_sum,
     parameter,
 )
-from ariac_score_standards.blame import (
+from ariac_score.monitors import (
     STANDSTILL_SPEED_M_S,
-)
-from ariac_score_standards.parameters import (
-    GAP,
-    SPEED,
-    TIME,
     TOLERANCE_S,
-)
-from ariac_score_standards.severity import (
-    Bound,
     JudgedLimit,
     LimitMonitor,
     Reach,
     Rows,
     Statement,
+    SubjectMonitor,
+    Subjects,
+    Watched,
+    bodies,
     rows_of_episodes,
 )
-from ariac_score_standards.travel import (
-    travelled_m,
-)
-from ariac_score_standards.watching import (
-    FloatArray,
-    Subject,
-    Watched,
-    bodies_of,
-    state_over,
-    watch_subjects,
-)
+from ariac_score_standards.parameters import GAP, SPEED, TIME
+from ariac_score_standards.travel import travelled_m
 
 EMERGENCY_STOP = "emergency_stop"
 PROTECTIVE_STOP = "protective_stop"
@@ -111,7 +97,7 @@ def stop_category(power_off_s: float | None, standstill_s: float) -> Literal[0, 
 
 
 @dataclass(frozen=True)
-class StopPerformance:
+class StopPerformance(SubjectMonitor):
     """A machine that has to stop does, in time and on the way it has.
 
     Measures:
@@ -138,40 +124,38 @@ class StopPerformance:
     max_flag_age_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="how long a flag holds")
     max_gap_s: float = parameter(0.05, **GAP)
 
-    _clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
+    clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
+    flags = ("drive_enabled",)
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "stop_time_s": Measure("s", meaning="from the request to standstill"),
+        "stop_distance_m": Measure("m", meaning="way covered until then"),
+        "excess_s": Measure("s", best=0.0, meaning="how much longer than it may take"),
+    }
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    @property
+    def subjects(self) -> Subjects:
+        """The machines."""
+        return bodies(self.kind)
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """Speed, and whether the drives have power."""
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield SignalNeed("drive_enabled", "1", self.max_flag_age_s)
-
-    def watch(self, trial: Trial) -> Iterator[Finding]:
-        """For every machine each of its stops, or that none was requested."""
-        return watch_subjects(
-            trial,
-            bodies_of(trial, self.kind),
-            {f"speed/{{{self.kind}}}": "m/s"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched),
-            kinds=(self.kind,),
-        )
+    @property
+    def wanted(self) -> dict[str, str]:
+        """The speed."""
+        return {self._speed: "m/s"}
 
     @property
     def _speed(self) -> str:
         return f"speed/{{{self.kind}}}"
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Finding]:
-        requests = events_about(trial, subject.name, (EMERGENCY_STOP, PROTECTIVE_STOP))
+    def about(self, signals: Watched) -> Iterator[Finding]:
+        """Each of its stops, or that none was requested."""
+        requests = events_about(signals, (EMERGENCY_STOP, PROTECTIVE_STOP))
         for request in requests:
-            yield self._stop(trial, subject, watched, request)
+            yield self._stop(signals, request)
         if not requests:
-            yield nothing_happened(trial, subject, (EMERGENCY_STOP, PROTECTIVE_STOP), self._clause)
+            yield nothing_happened(signals, (EMERGENCY_STOP, PROTECTIVE_STOP), self.clause)
 
-    def _stop(self, trial: Trial, subject: Subject, watched: Watched, request: Event) -> Finding:
+    def _stop(self, watched: Watched, request: Event) -> Finding:
+        subject, window = watched.subject.name, watched.trial.window
         name = request.kind.replace("_", " ")
         reached = standstill_reached_s(
             watched.t,
@@ -185,28 +169,26 @@ class StopPerformance:
         unseen = [gap for gap in watched.gaps if gap.start_s < end and gap.end_s > request.t_s]
         if unseen or last < request.t_s or (reached is None and last < request.t_s + self.max_time_s):
             message = f"{name} at {request.t_s:.3f} s: the log does not show the whole stop"
-            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            return Finding.inconclusive(subject, message, span=window, clause=self.clause)
         if reached is None:
             message = f"{name} at {request.t_s:.3f} s: no stop until the log ends at {last:.3f} s"
             return Finding(
-                subject.name,
+                subject,
                 Verdict.VIOLATED,
                 message,
                 span=Span(request.t_s, last),
                 robustness=request.t_s + self.max_time_s - last,
                 unit="s",
-                clause=self._clause,
+                clause=self.clause,
                 critical=request.kind == EMERGENCY_STOP,
             )
-        return self._stopped(trial, subject, watched, request, reached)
+        return self._stopped(watched, request, reached)
 
-    def _stopped(
-        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
-    ) -> Finding:
+    def _stopped(self, watched: Watched, request: Event, reached: float) -> Finding:
         time_s = reached - request.t_s
         # Creeping below the standstill speed during `hold_s` still belongs to the way.
         way_m = travelled_m(watched.t, watched[self._speed], Span(request.t_s, reached + self.hold_s))
-        category = self._category(trial, subject, watched, request, reached)
+        category = self._category(watched, request, reached)
         over_time = time_s > self.max_time_s + TOLERANCE_S
         way_left_m = None if self.max_distance_m is None else self.max_distance_m - way_m
         over_way = way_left_m is not None and way_left_m < 0
@@ -224,7 +206,7 @@ class StopPerformance:
         if not over_time and (over_way or powered):
             margin = (way_left_m, "m") if over_way else (None, "")
         return Finding(
-            subject.name,
+            watched.subject.name,
             Verdict.VIOLATED if over_time or over_way or powered else Verdict.SATISFIED,
             ", ".join(words),
             span=Span(request.t_s, reached),
@@ -236,19 +218,17 @@ class StopPerformance:
                 "excess_s": max(time_s - self.max_time_s, 0.0),
             },
             labels={"category": "unknown" if category is None else str(category), "request": request.kind},
-            clause=self._clause,
+            clause=self.clause,
         )
 
-    def _category(
-        self, trial: Trial, subject: Subject, watched: Watched, request: Event, reached: float
-    ) -> int | None:
+    def _category(self, watched: Watched, request: Event, reached: float) -> int | None:
         """The category shown by the drives' power; `None` when the log does not show it."""
         until_s = reached + self.power_wait_s
-        t = watched.t[(watched.t >= request.t_s) & (watched.t <= until_s)]
-        state = state_over(trial, "drive_enabled", subject.name, t, max_age_s=self.max_flag_age_s)
-        if state is None or not len(t) or not state.known.all():
+        inside = (watched.t >= request.t_s) & (watched.t <= until_s)
+        t, state = watched.t[inside], watched.state("drive_enabled", self.max_flag_age_s)
+        if state is None or not len(t) or not state.known[inside].all():
             return None
-        off = np.flatnonzero(~state.on)
+        off = np.flatnonzero(~state.on[inside])
         # Category 2 is a power that never goes off: the log has to last long enough to say so.
         if not len(off) and t[-1] < until_s - self.max_gap_s:
             return None
@@ -259,19 +239,20 @@ def _words(stop: Event) -> str:
     return stop.kind.replace("_", " ")
 
 
-def events_about(trial: Trial, machine: str, kinds: Sequence[str]) -> list[Event]:
+def events_about(watched: Watched, kinds: Sequence[str]) -> list[Event]:
     """The events of some kinds that concern a machine, in order of time."""
-    found = [e for kind in kinds for e in trial.events_of(kind) if e.subject in ("", machine)]
-    return sorted(found)
+    found = [event for kind in kinds for event in watched.trial.events_of(kind)]
+    return sorted(event for event in found if event.subject in ("", watched.subject.name))
 
 
-def nothing_happened(trial: Trial, subject: Subject, kinds: Sequence[str], clause: str) -> Finding:
+def nothing_happened(watched: Watched, kinds: Sequence[str], clause: str) -> Finding:
     """The finding when there was none of some events: not applicable, if the log would have had them."""
+    subject, trial = watched.subject.name, watched.trial
     words = " and no ".join(kind.replace("_", " ") for kind in kinds)
     if set(kinds) <= trial.witnessed:
-        return Finding.not_applicable(subject.name, f"the log records no {words}", clause=clause)
+        return Finding.not_applicable(subject, f"the log records no {words}", clause=clause)
     message = f"the log does not show whether there was any {words.replace(' and no ', ' or ')}"
-    return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
+    return Finding.inconclusive(subject, message, span=trial.window, clause=clause)
 
 
 # Starting again -------------------------------------------------------------------------------
@@ -327,63 +308,66 @@ class EstopRestart(LimitMonitor):
     max_gap_s: float = parameter(0.05, **GAP)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 13850, resetting the emergency stop"
+    what, unit = "speed after a stop", "m/s"
+    clause = "derived from ISO 13850, resetting the emergency stop"
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if not self.after or not all(self.after):
             raise ValueError("after names no event: give the kinds that latch, such as emergency_stop")
 
-    def needs(self) -> Iterator[SignalNeed]:
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """How it moved although it had to rest."""
+        return {
+            "time_in_violation_s": Measure("s", best=0.0, meaning="how long it moved"),
+            "speed_max_m_s": Measure("m/s", best=0.0, meaning="how fast"),
+            "travel_m": Measure("m", best=0.0, meaning="how far"),
+            "before_start_s": Measure("s", best=0.0, meaning="how long before it was started"),
+        }
+
+    @property
+    def subjects(self) -> Subjects:
+        """The machines."""
+        return bodies(self.kind)
+
+    @property
+    def wanted(self) -> dict[str, str]:
         """The speed."""
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
+        return {self._speed: "m/s"}
 
     @property
     def reach(self) -> Reach:
         """Rest is due from the stop on; whether it is reached shows only after `hold_s`."""
         return Reach("start", ahead_s=self.hold_s)
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every machine each emergency stop, or that there was none."""
-        return watch_subjects(
-            trial,
-            bodies_of(trial, self.kind),
-            {f"speed/{{{self.kind}}}": "m/s"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched),
-            kinds=(self.kind,),
-        )
-
     @property
     def _speed(self) -> str:
         return f"speed/{{{self.kind}}}"
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        stops = events_about(trial, subject.name, self.after)
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Each emergency stop, or that there was none."""
+        stops = events_about(signals, self.after)
         if not stops:
-            yield nothing_happened(trial, subject, self.after, self._clause)
+            yield nothing_happened(signals, self.after, self.clause)
             return
         latches = []
         for number, stop in enumerate(stops):
             following = stops[number + 1].t_s if number + 1 < len(stops) else np.inf
-            latches.append(self._latched(trial, subject, watched, stop, following))
+            latches.append(self._latched(signals, stop, following))
 
-        speed, rests = watched[self._speed], np.zeros(len(watched), dtype=bool)
+        rests = np.zeros(len(signals), dtype=bool)
         for latch in latches:
-            rests[latch.rests(watched.t)] = True
-        limit = np.full_like(speed, self.standstill_speed_m_s)
-        bound = Bound("speed after a stop", speed, limit, "m/s", True, rests)
-        yield JudgedLimit(subject.name, watched, bound)
+            rests[latch.rests(signals.t)] = True
+        bound = self.at_most(signals[self._speed], self.standstill_speed_m_s, where=rests)
+        yield JudgedLimit(signals, bound)
         for latch in latches:
-            yield from self._after(trial, subject, watched, latch)
+            yield from self._after(signals, latch)
 
-    def _latched(
-        self, trial: Trial, subject: Subject, watched: Watched, stop: Event, following_s: float
-    ) -> _Latched:
-        resets = [e.t_s for e in events_about(trial, subject.name, (RESET,)) if e.t_s >= stop.t_s]
+    def _latched(self, watched: Watched, stop: Event, following_s: float) -> _Latched:
+        resets = [e.t_s for e in events_about(watched, (RESET,)) if e.t_s >= stop.t_s]
         reset_s = resets[0] if resets else np.inf
-        starts = [e.t_s for e in events_about(trial, subject.name, (START,)) if e.t_s >= reset_s]
+        starts = [e.t_s for e in events_about(watched, (START,)) if e.t_s >= reset_s]
         end_s = min(starts[0] if starts else np.inf, following_s)
         rest = standstill_reached_s(
             watched.t,
@@ -403,14 +387,15 @@ class EstopRestart(LimitMonitor):
         moving[rests] = watched[self._speed][rests] > self.standstill_speed_m_s
         return rows_of_episodes(watched, moving, t_off_s=self.t_off_s)
 
-    def _after(self, trial: Trial, subject: Subject, watched: Watched, latch: _Latched) -> Iterator[Finding]:
+    def _after(self, watched: Watched, latch: _Latched) -> Iterator[Finding]:
+        subject, trial = watched.subject.name, watched.trial
         stop, reset_s, end_s = latch.stop, latch.reset_s, latch.end_s
         speed, movements = watched[self._speed], self._movements(watched, latch)
         # Without these events in the log, a start that was given looks like one that was not.
         unrecorded = [
             kind
             for kind in (RESET, START)
-            if kind not in trial.witnessed and not events_about(trial, subject.name, (kind,))
+            if kind not in trial.witnessed and not events_about(watched, (kind,))
         ]
         if movements and unrecorded:
             first, _ = movements[0]
@@ -418,7 +403,7 @@ class EstopRestart(LimitMonitor):
                 f"moved at {first.start_s:.3f} s after the {_words(stop)} at {stop.t_s:.3f} s, "
                 f"but the log does not show whether there was any {unrecorded[0].replace('_', ' ')}"
             )
-            yield Finding.inconclusive(subject.name, message, span=first, clause=self._clause)
+            yield Finding.inconclusive(subject, message, span=first, clause=self.clause)
             return
         for span, rows in movements:
             worst = int(rows[np.argmax(speed[rows])])
@@ -431,7 +416,7 @@ class EstopRestart(LimitMonitor):
             if np.isfinite(end_s):
                 quantities["before_start_s"] = float(end_s - span.start_s)
             yield Finding(
-                subject.name,
+                subject,
                 Verdict.VIOLATED,
                 f"moved at {span.start_s:.3f} s in {phase}, after the {_words(stop)} at {stop.t_s:.3f} s",
                 span=span,
@@ -440,22 +425,22 @@ class EstopRestart(LimitMonitor):
                 quantities=quantities,
                 labels={"state": phase},
                 evidence=watched.samples(worst),
-                clause=self._clause,
+                clause=self.clause,
                 critical=True,
             )
         rests = latch.rests(watched.t)
         if rests.start >= rests.stop and end_s > watched.end_s:
             message = f"{_words(stop)} at {stop.t_s:.3f} s: the log does not show whether it came to rest"
-            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            yield Finding.inconclusive(subject, message, span=trial.window, clause=self.clause)
             return
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not movements and not unseen:
             yield Finding(
-                subject.name,
+                subject,
                 Verdict.SATISFIED,
                 f"at rest from the {_words(stop)} at {stop.t_s:.3f} s until the next start",
                 quantities=dict.fromkeys(
                     ("time_in_violation_s", "speed_max_m_s", "travel_m", "before_start_s"), 0.0
                 ),
-                clause=self._clause,
+                clause=self.clause,
             )

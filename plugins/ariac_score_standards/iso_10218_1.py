@@ -8,31 +8,21 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
-from ariac_score_standards.parameters import (
-    GAP,
-    SPEED,
-    TIME,
-)
-from ariac_score_standards.severity import (
-    Bound,
-    JudgedLimit,
-    LimitMonitor,
-    Rules,
-    Statement,
-    limit_findings,
-)
-from ariac_score_standards.watching import (
+from ariac_score import FloatArray, Measure, SignalNeed, Trial, parameter
+from ariac_score.monitors import (
     BoolArray,
-    FloatArray,
+    Bound,
+    LimitMonitor,
+    Statement,
     Subject,
+    Subjects,
     Watched,
-    bodies_of,
-    flag_over,
+    bodies,
     nobody,
-    watch_subjects,
+    severity_measures,
 )
+from ariac_score_standards.geometry import check_polygon, depth_inside_m, inside
+from ariac_score_standards.parameters import GAP, SPEED, TIME
 
 
 @dataclass(frozen=True)
@@ -61,67 +51,74 @@ class ReducedSpeed(LimitMonitor):
     t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 10218-1, reduced-speed control"
+    subjects = bodies("robot")
+    what, unit = "speed", "m/s"
+    clause = "derived from ISO 10218-1, reduced-speed control"
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         check_polygon("zone", self.zone)
         if self.applies == "human_in_zone" and not self.zone:
             raise ValueError("applies is 'human_in_zone' but no zone is given")
 
+    @property
+    def wanted(self) -> dict[str, str]:
+        """The speed."""
+        return {f"{self.speed}/{{robot}}": "m/s"}
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The mode, where it counts."""
+        return ("manual_mode",) if self.applies == "manual_mode" else ()
+
+    @property
+    def idle(self) -> str:
+        """When the limit would have applied."""
+        never = {
+            "manual_mode": "the robot was never in manual mode",
+            "human_in_zone": "nobody was in the slow zone",
+        }
+        return never.get(self.applies, "the limit never applied")
+
     def needs(self) -> Iterator[SignalNeed]:
         """The speed, and the signal that shows when the limit applies."""
-        yield SignalNeed(self.speed, "m/s", self.max_gap_s)
-        if self.applies == "manual_mode":
-            yield SignalNeed("manual_mode", "1", self.max_flag_age_s)
+        yield from super().needs()
         if self.applies == "human_in_zone":
             yield SignalNeed("position", "m", self.max_gap_s)
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every robot where it was too fast, or its closest moment."""
-        wanted = {f"{self.speed}/{{robot}}": "m/s"}
-        by_zone = self.applies == "human_in_zone"
-        humans = [human.id for human in trial.bodies_of("human")] if by_zone else []
-        if by_zone and not humans:
-            return iter([nobody(trial, self._clause, ("human",))])
-        wanted |= {f"position/{human}": "m" for human in humans}
-        return watch_subjects(
-            trial,
-            bodies_of(trial, "robot"),
-            wanted,
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched, humans),
-        )
-
-    def _judge(
-        self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
-    ) -> Iterator[Statement]:
-        applies, idle = self._applies(trial, subject, watched, humans)
-        if isinstance(applies, Finding):
-            yield applies
+        places = self._places(trial)
+        if self.applies == "human_in_zone" and not places:
+            yield nobody(trial, ("human",), self.clause)
             return
+        robots = self.subjects.of(trial.bodies)
+        yield from self.judged(trial, robots, {**self.wanted, **dict.fromkeys(places, "m")})
+
+    def _places(self, trial: Trial) -> list[str]:
+        """The signals that show whether somebody is in the zone, where that counts."""
+        by_zone = self.applies == "human_in_zone"
+        return [f"position/{human.id}" for human in trial.bodies_of("human") if by_zone]
+
+    def margin(self, signals: Watched) -> Bound:
+        """Reduced speed - speed, m/s."""
         # The standard limits the tool centre point. The fastest link is never slower, so that it violates
         # sooner: a log that has links alone is judged on the safe side.
-        speed = watched[f"{self.speed}/{{robot}}"]
-        limit = np.full_like(speed, self.max_speed_m_s)
-        bound = Bound("speed", speed, limit, "m/s", True, applies)
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, idle)
-        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules)
+        speed = signals[f"{self.speed}/{{robot}}"]
+        return self.at_most(speed, self.max_speed_m_s, where=self._where(signals))
 
-    def _applies(
-        self, trial: Trial, subject: Subject, watched: Watched, humans: list[str]
-    ) -> tuple[BoolArray | Finding | None, str]:
-        """Where the limit applies (`None`: everywhere), or why that is unknown; the message if nowhere."""
-        if self.applies == "manual_mode":
-            flag = flag_over(trial, subject, "manual_mode", self.max_flag_age_s, watched, self._clause)
-            return flag, "the robot was never in manual mode"
+    def _where(self, signals: Watched) -> BoolArray | None:
+        """Where the limit applies; `None`: everywhere."""
         if self.applies == "always":
-            return None, "the limit never applied"
-        applies: BoolArray = np.zeros(len(watched), dtype=bool)
-        for human in humans:
-            applies |= inside(watched[f"position/{human}"], self.zone)
-        return applies, "nobody was in the slow zone"
+            return None
+        if self.applies == "manual_mode":
+            return signals.flag("manual_mode", self.max_flag_age_s)
+        within = [inside(signals[place], self.zone) for place in self._places(signals.trial)]
+        somebody: BoolArray = np.any(within, axis=0)
+        return somebody
+
+
+_PLACE, _ANGLE = "position/{point}", "joint_position/{point}"
 
 
 @dataclass(frozen=True)
@@ -158,10 +155,10 @@ class SpaceLimit(LimitMonitor):
     t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 10218-1, axis and space limiting"
+    clause = "derived from ISO 10218-1, axis and space limiting"
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         for name in ("box_low_m", "box_high_m"):
             if len(getattr(self, name)) not in (0, 2, 3):
                 raise ValueError(f"{name} is {list(getattr(self, name))!r}, not [x, y] or [x, y, z] in m")
@@ -182,6 +179,23 @@ class SpaceLimit(LimitMonitor):
             raise ValueError(f"joint {self.joint!r} has no limit: give joint_low_rad or joint_high_rad")
         if not self.joint and limits != (None, None):
             raise ValueError("a joint limit is given, but joint does not say whose")
+
+    @property
+    def subjects(self) -> Subjects:
+        """The machines; findings are about their points and joints."""
+        return bodies(self.kind)
+
+    @property
+    def lacks(self) -> str:
+        """Any limit."""
+        given = self._limits_space or self.joint
+        return "" if given else "no limit of space and none of a joint is given"
+
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """Those of lengths and of angles, as far as each is limited."""
+        of_space = severity_measures("m") if self._limits_space else {}
+        return {**of_space, **(severity_measures("rad") if self.joint else {})}
 
     @property
     def _limits_space(self) -> bool:
@@ -222,17 +236,22 @@ class SpaceLimit(LimitMonitor):
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every point and joint where it was outside, or its closest moment."""
-        if not (self._limits_space or self.joint):
-            message = "no limit of space and none of a joint is given"
-            yield Finding.inconclusive("trial", message, span=trial.window, clause=self._clause)
+        if self.lacks:
+            yield from super().statements(trial)
         if self._limits_space:
-            yield from self._watch(trial, self._points(trial), "position", "m")
+            yield from self.judged(trial, self._points(trial), {_PLACE: "m"})
         if self.joint:
-            joints = [
-                Subject(f"{body.id}::{self.joint}", {"point": f"{body.id}::{self.joint}"})
-                for body in trial.bodies_of(self.kind)
-            ]
-            yield from self._watch(trial, joints, "joint_position", "rad")
+            names = [f"{body.id}::{self.joint}" for body in trial.bodies_of(self.kind)]
+            joints = [Subject(name, {"point": name}) for name in names]
+            yield from self.judged(trial, joints, {_ANGLE: "rad"})
+
+    def margin(self, signals: Watched) -> Bound:
+        """How far inside, m or rad."""
+        if _PLACE in signals.names:
+            left, words = self.inside_by_m(signals[_PLACE]), ("way left to the border", "m")
+        else:
+            left, words = self.joint_left_rad(signals[_ANGLE]), ("angle left to the limit", "rad")
+        return self.at_least(left, 0.0, what=words[0], unit=words[1])
 
     def _points(self, trial: Trial) -> list[Subject]:
         names = []
@@ -245,24 +264,3 @@ class SpaceLimit(LimitMonitor):
                 names.append(body.id)
             names += [f"{body.id}::{link}" for link in body.links]
         return [Subject(name, {"point": name}) for name in names]
-
-    def _watch(self, trial: Trial, points: list[Subject], quantity: str, unit: str) -> Iterator[Statement]:
-        template = f"{quantity}/{{point}}"
-
-        def judge(subject: Subject, watched: Watched) -> Iterator[Statement]:
-            values = watched[template]
-            left = self.inside_by_m(values) if unit == "m" else self.joint_left_rad(values)
-            what = "way left to the border" if unit == "m" else "angle left to the limit"
-            bound = Bound(what, left, np.zeros_like(left), unit)
-            rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-            return limit_findings(JudgedLimit(subject.name, watched, bound), rules)
-
-        return watch_subjects(
-            trial,
-            points,
-            {template: unit},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=judge,
-            kinds=(self.kind,),
-        )

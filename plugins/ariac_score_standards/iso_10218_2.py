@@ -6,42 +6,29 @@ Contact itself is in `pfl_contact`, standing still while a person is in the work
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ariac_score import SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.blame import (
+from ariac_score import Measure, parameter
+from ariac_score.monitors import (
     APART,
-    MEETING,
     TOWARDS_HUMAN,
     TOWARDS_ROBOT,
-    Meeting,
-    exposure_of,
-    meeting_needs,
-)
-from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits
-from ariac_score_standards.parameters import GAP, LENGTH, TIME
-from ariac_score_standards.severity import (
     Bound,
-    Details,
+    Encounter,
     Episode,
     JudgedLimit,
     LimitMonitor,
     Reach,
-    Rules,
-    Statement,
-    limit_findings,
-)
-from ariac_score_standards.watching import (
-    Subject,
     Watched,
     first_of_runs,
-    pairs_of,
-    watch_subjects,
+    pairs,
 )
+from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits
+from ariac_score_standards.parameters import GAP, LENGTH, TIME
 
 # Power and force limiting: formulas -----------------------------------------------------------
 
@@ -169,10 +156,16 @@ class PflSpeed(LimitMonitor):
     max_gap_s: float = parameter(0.05, **GAP)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO/TS 15066:2016, A.3"
+    subjects = pairs("robot", "human")
+    what, unit = "relative speed", "m/s"
+    clause = "derived from ISO/TS 15066:2016, A.3"
+    severities: ClassVar[Mapping[str, Measure]] = {
+        "speed_ratio": Measure("1", best=0.0, meaning="speed as a share of the permitted one"),
+        "energy_ratio": Measure("1", best=0.0, meaning="energy as a share of the permitted one"),
+    }
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         body_limits(self.region or UNKNOWN_REGION)
 
     def resolved(self) -> dict[str, object]:
@@ -193,65 +186,52 @@ class PflSpeed(LimitMonitor):
         )
 
     @property
-    def _wanted(self) -> dict[str, str]:
-        if self.when == "contact":
-            return {APART: "m", _RELATIVE: "m/s"}
-        return {
-            APART: "m",
-            TOWARDS_HUMAN: "m/s",
-            TOWARDS_ROBOT: "m/s",
-        }
-
-    def needs(self) -> Iterator[SignalNeed]:
+    def wanted(self) -> dict[str, str]:
         """Distance and speeds of the nearest points."""
-        wanted = {template.partition("/")[0]: unit for template, unit in self._wanted.items()}
-        for quantity, unit in wanted.items():
-            yield SignalNeed(quantity, unit, self.max_gap_s)
-        yield from meeting_needs(self.max_gap_s, *wanted)
+        if self._at_contact:
+            return {APART: "m", _RELATIVE: "m/s"}
+        return {APART: "m", TOWARDS_HUMAN: "m/s", TOWARDS_ROBOT: "m/s"}
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair where it was too fast, or its closest moment."""
-        return watch_subjects(
-            trial,
-            pairs_of(trial),
-            self._wanted,
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=self._judge,
-            optional={name: unit for name, unit in MEETING.items() if name not in self._wanted},
-            kinds=("robot", "human"),
-        )
+    @property
+    def _at_contact(self) -> bool:
+        return self.when == "contact"
+
+    @property
+    def encounter(self) -> Encounter:
+        """At a contact, with who closed in before it."""
+        return Encounter(before=self._at_contact)
+
+    @property
+    def critical(self) -> bool:
+        """Whether bodies touched."""
+        return self._at_contact
+
+    @property
+    def idle(self) -> str:
+        """That they never met."""
+        return "no contact" if self._at_contact else f"never nearer than {self.near_m:g} m"
 
     @property
     def reach(self) -> Reach:
         """A contact begins where there was none at the sample before."""
-        return Reach("neighbour" if self.when == "contact" else "sample")
+        return Reach("neighbour" if self._at_contact else "sample")
 
-    def _bound(self, watched: Watched) -> Bound:
-        distance = watched[APART]
-        if self.when == "contact":
-            speed, touching = watched[_RELATIVE], distance <= 0
-            first = first_of_runs(watched.t, touching, self.max_gap_s)
-            applies = touching & (first == np.arange(len(first)))  # the sample that a contact begins with
+    def margin(self, signals: Watched) -> Bound:
+        """Permitted speed - speed of the nearest points against each other, m/s."""
+        distance = signals[APART]
+        if self._at_contact:
+            speed, touching = signals[_RELATIVE], distance <= 0
+            first = first_of_runs(signals.t, touching, self.max_gap_s)
+            where = touching & (first == np.arange(len(first)))  # the sample that a contact begins with
         else:
-            speed = watched[TOWARDS_HUMAN] + watched[TOWARDS_ROBOT]
-            applies = distance < self.near_m
-        limit = np.full_like(speed, self.permitted().speed_m_s)
-        return Bound("relative speed", speed, limit, "m/s", True, applies, "permitted_speed")
+            speed = signals[TOWARDS_HUMAN] + signals[TOWARDS_ROBOT]
+            where = distance < self.near_m
+        return self.at_most(speed, self.permitted().speed_m_s, where=where, named="permitted_speed")
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        limit, contact = JudgedLimit(subject.name, watched, self._bound(watched)), self.when == "contact"
-        idle = "no contact" if contact else f"never nearer than {self.near_m:g} m"
-        rules = Rules(self._clause, 0.0, self.t_off_s, idle, critical=contact)
-        permitted, exposure = self.permitted(), exposure_of(watched)
-
-        def details(episode: Episode | None) -> Details:
-            if episode is None:
-                return Details({"speed_ratio": 0.0, "energy_ratio": 0.0, **exposure})
-            v = float(limit.bound.actual[episode.worst])
-            energy = contact_energy_j(permitted.reduced_kg, v)
-            ratios = {"speed_ratio": v / permitted.speed_m_s, "energy_ratio": energy / permitted.energy_j}
-            labels = Meeting.of(watched).labels(episode.rows, before=contact)
-            return Details({**ratios, **exposure}, labels)
-
-        yield from limit_findings(limit, rules, details)
+    def severity(self, limit: JudgedLimit, episode: Episode | None) -> dict[str, float]:
+        """Speed and energy as shares of the permitted."""
+        if episode is None:
+            return {"speed_ratio": 0.0, "energy_ratio": 0.0}
+        permitted, v = self.permitted(), float(limit.bound.actual[episode.worst])
+        energy = contact_energy_j(permitted.reduced_kg, v)
+        return {"speed_ratio": v / permitted.speed_m_s, "energy_ratio": energy / permitted.energy_j}

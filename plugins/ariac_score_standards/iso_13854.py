@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ariac_score import ParameterFacts, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.severity import (
+from ariac_score import FloatArray, ParameterFacts, parameter
+from ariac_score.monitors import (
+    BoolArray,
     Bound,
-    Details,
+    Episode,
     JudgedLimit,
     LimitMonitor,
     Reach,
-    Rules,
-    Statement,
-    limit_findings,
-)
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
     Watched,
-    pairs_of,
-    watch_subjects,
+    pairs,
 )
 
 _SEEN = ParameterFacts("m", "verified", "sample of ISO 13854 quoted in a public research note")
@@ -119,41 +112,21 @@ class CrushGap(LimitMonitor):
     t_on_s: float = parameter(0.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
-    _clause = "derived from ISO 13854, minimum gaps"
+    subjects = pairs("robot", "human")
+    wanted: ClassVar[Mapping[str, str]] = {_GAP: "m"}
+    what, unit, idle = "closing gap", "m", "no gap ever closed"
+    clause = "derived from ISO 13854, minimum gaps"
+    reach = Reach("neighbour", ahead=1)  # whether a gap closes shows at the samples before and after
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         minimum_gap_m(self.part)
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """The gap."""
-        yield SignalNeed("crush_gap", "m", self.max_gap_s)
+    def margin(self, signals: Watched) -> Bound:
+        """Gap - the least gap for the part while it closes, m."""
+        gap = signals[_GAP]
+        return self.at_least(gap, minimum_gap_m(self.part), where=closes(gap))
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair where a gap closed on somebody, or its closest moment."""
-        return watch_subjects(
-            trial,
-            pairs_of(trial),
-            {_GAP: "m"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=self._judge,
-            kinds=("robot", "human"),
-        )
-
-    @property
-    def reach(self) -> Reach:
-        """Whether a gap closes shows at the samples before and after."""
-        return Reach("neighbour", ahead=1)
-
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        gap = watched[_GAP]
-        limit = np.full_like(gap, minimum_gap_m(self.part))
-        bound = Bound("closing gap", gap, limit, "m", False, closes(gap))
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "no gap ever closed")
-        labels = {"clamped": "yes", "part": self.part}
-        yield from limit_findings(
-            JudgedLimit(subject.name, watched, bound),
-            rules,
-            lambda episode: Details() if episode is None else Details(labels=labels),
-        )
+    def labels(self, _limit: JudgedLimit, episode: Episode | None) -> dict[str, str]:
+        """That the part was clamped, and which."""
+        return {} if episode is None else {"clamped": "yes", "part": self.part}

@@ -8,40 +8,23 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, Verdict, check_parameters, exact_sum, parameter
-from ariac_score_standards.blame import (
-    MEETING,
+from ariac_score import Finding, FloatArray, Measure, Trial, Verdict, exact_sum, parameter
+from ariac_score.monitors import (
     STANDSTILL_SPEED_M_S,
-    Meeting,
-    exposure_of,
-    meeting_needs,
-)
-from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
-from ariac_score_standards.parameters import (
-    LENGTH,
     TOLERANCE_S,
-)
-from ariac_score_standards.severity import (
+    BoolArray,
     Bound,
-    Details,
-    Episode,
-    JudgedLimit,
+    Encounter,
     LimitMonitor,
     Reach,
-    Rules,
     Statement,
-    limit_findings,
-    no_severities,
-)
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
     Watched,
     first_of_runs,
-    pairs_of,
-    watch_subjects,
+    no_severities,
+    pairs,
 )
+from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
+from ariac_score_standards.parameters import LENGTH
 
 Edition = Literal["2010", "2024"]
 Arrangement = Literal["orthogonal", "whole_body", "parallel", "two_hand", "interlocked_guard"]
@@ -197,8 +180,19 @@ class SafeguardDistance(LimitMonitor):
     t_on_s: float = parameter(0.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
+    subjects = pairs("robot", "human")
+    wanted: ClassVar[Mapping[str, str]] = {"position/{human}": "m", "speed/{robot}": "m/s"}
+    what, unit = "speed behind the line", "m/s"
+    idle = "nobody was past the line for long enough"
+    encounter = Encounter()
+    reach = Reach("run")  # rest is due some time after the human crossed the line
+    severities: ClassVar[Mapping[str, Measure]] = {
+        "distance_m": Measure("m", meaning="from the sensing line to the hazard"),
+        "minimum_distance_m": Measure("m", meaning="the least it may be"),
+    }
+
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         self.minimum()
         check_polygon("hazard", self.hazard)
         ends = [tuple(end) for end in self.line]
@@ -219,32 +213,20 @@ class SafeguardDistance(LimitMonitor):
         )
 
     @property
-    def _clause(self) -> str:
+    def clause(self) -> str:
+        """Of the edition."""
         return _CLAUSE.format(edition=self.edition)
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """Where the human is, and how fast the robot."""
-        yield SignalNeed("position", "m", self.max_gap_s)
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield from meeting_needs(self.max_gap_s, "speed")
+    @property
+    def lacks(self) -> str:
+        """The line or the zone, where one is not given."""
+        return "" if self.line and self.hazard else "the sensing line or the hazard zone is not given"
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
-        if not (self.line and self.hazard):
-            message = "the sensing line or the hazard zone is not given"
-            yield Finding.inconclusive("trial", message, span=trial.window, clause=self._clause)
-            return
-        yield self._line()
-        yield from watch_subjects(
-            trial,
-            pairs_of(trial),
-            {"position/{human}": "m", "speed/{robot}": "m/s"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=self._judge,
-            optional=MEETING,
-            kinds=("robot", "human"),
-        )
+        if not self.lacks:
+            yield self._line()
+        yield from super().statements(trial)
 
     def _line(self) -> Finding:
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
@@ -257,7 +239,7 @@ class SafeguardDistance(LimitMonitor):
             robustness=distance - needed,
             unit="m",
             quantities={**no_severities("m/s"), "distance_m": distance, "minimum_distance_m": needed},
-            clause=self._clause,
+            clause=self.clause,
         )
 
     def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
@@ -294,24 +276,10 @@ class SafeguardDistance(LimitMonitor):
         )
         return side, share
 
-    @property
-    def reach(self) -> Reach:
-        """Rest is due some time after the human crossed the line."""
-        return Reach("run")
-
-    def _bound(self, watched: Watched) -> Bound:
-        position, speed = watched["position/{human}"], watched["speed/{robot}"]
-        past, since = self.past_line(watched.t, position)
-        late = watched.t - since >= self.stopping_time_s - TOLERANCE_S
+    def margin(self, signals: Watched) -> Bound:
+        """Standstill - speed of the robot behind whom somebody is past the line, m/s."""
+        position = signals["position/{human}"]
+        past, since = self.past_line(signals.t, position)
+        late = signals.t - since >= self.stopping_time_s - TOLERANCE_S
         near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
-        limit = np.full_like(speed, self.standstill_speed_m_s)
-        return Bound("speed behind the line", speed, limit, "m/s", True, past & (late | near))
-
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        exposure = exposure_of(watched)
-
-        def details(episode: Episode | None) -> Details:
-            return Details(exposure, {} if episode is None else Meeting.of(watched).labels(episode.rows))
-
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was past the line for long enough")
-        yield from limit_findings(JudgedLimit(subject.name, watched, self._bound(watched)), rules, details)
+        return self.at_most(signals["speed/{robot}"], self.standstill_speed_m_s, where=past & (late | near))

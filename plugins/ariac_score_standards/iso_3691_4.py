@@ -3,48 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Trial, check_parameters, parameter
-from ariac_score_standards.blame import (
+from ariac_score import FloatArray, Measure, SignalNeed, parameter
+from ariac_score.monitors import (
     STANDSTILL_SPEED_M_S,
-    Meeting,
-    exposure,
-)
-from ariac_score_standards.geometry import check_polygon, depth_inside_m
-from ariac_score_standards.parameters import (
-    GAP,
-    LENGTH,
-    SPEED,
-    TIME,
     TOLERANCE_S,
-)
-from ariac_score_standards.severity import (
+    BoolArray,
     Bound,
-    Details,
     Episode,
+    FindingRules,
     JudgedLimit,
     LimitMonitor,
+    Meeting,
     Reach,
-    Rules,
     Statement,
-    limit_findings,
+    UndecidedError,
+    Watched,
+    bodies,
+    exposure,
+    first_of_runs,
+    pairs,
     violations_only,
 )
+from ariac_score_standards.geometry import check_polygon, depth_inside_m
+from ariac_score_standards.parameters import GAP, LENGTH, SPEED, TIME
 from ariac_score_standards.ssm_formula import approach_of
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
-    Watched,
-    bodies_of,
-    first_of_runs,
-    pairs_of,
-    state_over,
-    watch_subjects,
-)
 
 # Formulas -------------------------------------------------------------------------------------
 
@@ -68,6 +55,9 @@ def protective_field_m(stopping_m: FloatArray, *supplements_m: float) -> FloatAr
 
 
 # Speed and clearance --------------------------------------------------------------------------
+
+
+_CLEARANCE, _DETECTION = "clearance/{agv}", "personnel_detection"
 
 
 @dataclass(frozen=True)
@@ -108,10 +98,14 @@ class AgvSpeedClearance(LimitMonitor):
     t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 3691-4:2020, Annex A"
+    subjects = bodies("agv")
+    optional: ClassVar[Mapping[str, str]] = {_CLEARANCE: "m"}
+    flags = (_DETECTION,)
+    what, unit = "speed", "m/s"
+    clause = "derived from ISO 3691-4:2020, Annex A"
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         for number, obstacle in enumerate(self.obstacles):
             if not obstacle:
                 raise ValueError(f"obstacle {number} is not a polygon: it has no corners")
@@ -124,67 +118,45 @@ class AgvSpeedClearance(LimitMonitor):
         return np.where(free | self.confined, self.rated_speed_m_s, self.reduced_speed_m_s)
 
     @property
-    def _wanted(self) -> dict[str, str]:
-        wanted = {"speed/{agv}": "m/s"}
-        if self.obstacles:
-            wanted["position/{agv}"] = "m"
-        return wanted
+    def wanted(self) -> dict[str, str]:
+        """The speed, and where the truck is, where that tells how much space it has."""
+        places = {"position/{agv}": "m"} if self.obstacles else {}
+        return {"speed/{agv}": "m/s", **places}
 
     def needs(self) -> Iterator[SignalNeed]:
         """Speed, clearance or position, and the flag of the detection."""
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield SignalNeed("clearance", "m", self.max_gap_s)
-        yield SignalNeed("personnel_detection", "1", self.max_flag_age_s)
-        if self.obstacles:
-            yield SignalNeed("position", "m", self.max_gap_s)
+        return (replace(need, optional=False) for need in super().needs())
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every AGV where it was too fast, or its closest moment."""
-        return watch_subjects(
-            trial,
-            bodies_of(trial, "agv"),
-            self._wanted,
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched),
-            optional={"clearance/{agv}": "m"},
-            kinds=("agv",),
-        )
-
-    def _clearance(self, trial: Trial, subject: Subject, watched: Watched) -> FloatArray | None:
-        recorded = watched.get("clearance/{agv}")
+    def _clearance(self, signals: Watched) -> FloatArray:
+        recorded = signals.get(_CLEARANCE)
         if recorded is not None:
             return recorded
         if self.obstacles:
-            (radius,) = (body.radius_m for body in trial.bodies if body.id == subject.name)
-            free = np.full(len(watched), np.inf)
+            free = np.full(len(signals), np.inf)
             for obstacle in self.obstacles:
-                np.minimum(free, -depth_inside_m(watched["position/{agv}"], obstacle), out=free)
-            return np.maximum(free - radius, 0.0)
-        if self.assumed_clearance_m is not None or self.confined:
-            return np.full(len(watched), self.assumed_clearance_m or 0.0)
-        return None
+                np.minimum(free, -depth_inside_m(signals["position/{agv}"], obstacle), out=free)
+            return np.maximum(free - signals.radius_m("agv"), 0.0)
+        known = self.assumed_clearance_m is not None or self.confined
+        return np.full(len(signals), (self.assumed_clearance_m or 0.0) if known else np.nan)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        clearance = self._clearance(trial, subject, watched)
-        if clearance is None or not np.isfinite(clearance).all():
-            message = "the clearance is not known: no signal, no obstacles, none assumed"
-            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
-            return
-        flag = state_over(
-            trial, "personnel_detection", subject.name, watched.t, max_age_s=self.max_flag_age_s
-        )
+    def margin(self, signals: Watched) -> Bound:
+        """Allowed speed - speed, m/s."""
+        clearance = self._clearance(signals)
+        if not np.isfinite(clearance).all():
+            raise UndecidedError("the clearance is not known: no signal, no obstacles, none assumed")
+        flag = signals.state(_DETECTION, self.max_flag_age_s)
         # A flag that is recorded but not known here counts as muted: the slower limit is the safe reading.
         limit = self.allowed_speed_m_s(clearance, True if flag is None else flag.on)
-        bound = Bound("speed", watched["speed/{agv}"], limit, "m/s", True, None, "allowed_speed")
-        details = Details(labels={"personnel_detection": "assumed active" if flag is None else "recorded"})
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules, lambda _episode: details)
+        return self.at_most(signals["speed/{agv}"], limit, named="allowed_speed")
+
+    def labels(self, limit: JudgedLimit, _episode: Episode | None) -> dict[str, str]:
+        """Whether the state of the detection is recorded."""
+        flag = limit.watched.state(_DETECTION, self.max_flag_age_s)
+        return {_DETECTION: "assumed active" if flag is None else "recorded"}
 
 
 # Stopping before a person ---------------------------------------------------------------------
 
-_PLACES = {"position/{agv}": "m", "velocity/{agv}": "m/s", "position/{human}": "m"}
 _APART = "body_separation/{agv}/{human}"
 
 
@@ -223,34 +195,26 @@ class AgvProtectiveField(LimitMonitor):
     t_on_s: float = parameter(0.0, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 3691-4, 4.8.2"
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    subjects = pairs("agv", "human")
+    wanted: ClassVar[Mapping[str, str]] = {
+        "position/{agv}": "m",
+        "velocity/{agv}": "m/s",
+        "position/{human}": "m",
+    }
+    optional: ClassVar[Mapping[str, str]] = {_APART: "m", "velocity/{human}": "m/s"}
+    what, unit = "way left to a person", "m"
+    clause = "derived from ISO 3691-4, 4.8.2"
+    idle = "nobody was in the way of the truck"
+    reach = Reach("run")  # braking is due some time after the person came into the way, from the speed then
+    severities: ClassVar[Mapping[str, Measure]] = {
+        "speed_max_m_s": Measure("m/s", best=0.0, meaning="largest speed of the truck in a violation"),
+        "exposure_s": Measure("s", meaning="how long the person was near the moving truck"),
+    }
 
     def stopping_distance_m(self, speed_m_s: FloatArray) -> FloatArray:
         """S_A of each speed, shape (n,), m."""
         braking = braking_distance_m(speed_m_s, self.deceleration_m_s2)
         return stopping_distance_m(speed_m_s, self.reaction_s, braking)
-
-    def needs(self) -> Iterator[SignalNeed]:
-        """Where both are, how the truck moves, and how far apart their surfaces are."""
-        yield SignalNeed("position", "m", self.max_gap_s)
-        yield SignalNeed("velocity", "m/s", self.max_gap_s)
-        yield SignalNeed("body_separation", "m", self.max_gap_s, optional=True)
-
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every AGV and human where it did not brake, or its closest moment."""
-        return watch_subjects(
-            trial,
-            pairs_of(trial, "agv"),
-            _PLACES,
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(trial, subject, watched),
-            optional={_APART: "m", "velocity/{human}": "m/s"},
-            kinds=("agv", "human"),
-        )
 
     def way_left_m(
         self, agv_m: FloatArray, velocity_m_s: FloatArray, human_m: FloatArray, human_radius_m: float
@@ -267,78 +231,66 @@ class AgvProtectiveField(LimitMonitor):
         swept = moving & (ahead > 0) & (aside <= self.width_m / 2 + self.margin_m + human_radius_m)
         return np.where(swept, np.maximum(ahead - self.length_m / 2 - human_radius_m, 0.0), np.inf)
 
-    @property
-    def reach(self) -> Reach:
-        """Braking is due some time after the person came into the way, from the speed then."""
-        return Reach("run")
-
-    def _way_left(self, watched: Watched, human_radius_m: float) -> Bound:
-        """The way left to a person against what a stop takes."""
-        velocity = watched["velocity/{agv}"]
+    def margin(self, signals: Watched) -> Bound:
+        """Way left to a person - what a stop takes, m."""
+        velocity = signals["velocity/{agv}"]
         speed = _plane_speed(velocity)
-        places = watched["position/{agv}"], watched["position/{human}"]
-        way = self.way_left_m(places[0], velocity, places[1], human_radius_m)
+        places = signals["position/{agv}"], signals["position/{human}"]
+        way = self.way_left_m(places[0], velocity, places[1], signals.radius_m("human"))
         needed = self.stopping_distance_m(speed)
         entered = (way < needed) & (speed > self.standstill_speed_m_s)
-        first = first_of_runs(watched.t, entered, self.max_gap_s)
+        first = first_of_runs(signals.t, entered, self.max_gap_s)
         braking = speed < speed[first] - self.slowing_m_s
         # A person may step in too near for any truck: what counts is that it brakes after its reaction time.
-        ignored = entered & (watched.t - watched.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking
+        ignored = entered & (signals.t - signals.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking
         shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is required
         in_corridor = np.isfinite(way) & (ignored | (way >= needed))
-        return Bound("way left to a person", shown, needed, "m", False, in_corridor, "stopping_distance")
+        return self.at_least(shown, needed, where=in_corridor, named="stopping_distance")
 
-    def _touch(self, watched: Watched, apart_m: FloatArray) -> Bound:
+    def _touch(self, apart_m: FloatArray, moving: BoolArray) -> Bound:
         """The distance of surfaces while the truck moves."""
         contact_m = np.nextafter(0.0, 1.0)  # contact is at 0 too, so 0 itself must count as below it
-        moving = _plane_speed(watched["velocity/{agv}"]) > self.standstill_speed_m_s
-        limit, applies = np.full_like(apart_m, contact_m), np.isfinite(apart_m) & moving
-        return Bound("distance of the moving truck", np.nan_to_num(apart_m), limit, "m", False, applies)
+        where = np.isfinite(apart_m) & moving
+        return self.at_least(
+            np.nan_to_num(apart_m), contact_m, where=where, what="distance of the moving truck"
+        )
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        radii = {body.id: body.radius_m for body in trial.bodies}
-        human_radius = radii[subject.bodies["human"]]
-        meeting = self._meeting(watched, human_radius + radii[subject.bodies["agv"]])
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Where it did not brake, or its closest moment; and where it touched the person."""
+        meeting, exposed = self._meeting(signals)
 
-        def details(episode: Episode | None, *, contact: bool = False) -> Details:
-            if episode is None:
-                return Details({"speed_max_m_s": 0.0, **meeting.exposure})
-            fastest_m_s = float(meeting.both.robot_speed_m_s[episode.rows].max())
-            labels = meeting.both.labels(episode.rows, before=contact)
-            return Details({"speed_max_m_s": fastest_m_s, **meeting.exposure}, labels)
+        def adds(*, contact: bool) -> Any:
+            def severity(_limit: JudgedLimit, episode: Episode | None) -> dict[str, float]:
+                rows = None if episode is None else episode.rows
+                fastest_m_s = 0.0 if rows is None else float(meeting.robot_speed_m_s[rows].max())
+                return {"speed_max_m_s": fastest_m_s, **exposed}
 
-        way_left = JudgedLimit(subject.name, watched, self._way_left(watched, human_radius))
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the way of the truck")
-        moving = _plane_speed(watched["velocity/{agv}"]) > self.standstill_speed_m_s
-        hidden = watched.hidden_findings(subject.name, _APART, moving, self._clause)
-        of_way = limit_findings(way_left, rules, details)
+            def labels(_limit: JudgedLimit, episode: Episode | None) -> dict[str, str]:
+                return {} if episode is None else meeting.labels(episode.rows, before=contact)
+
+            return {"severity": severity, "labels": labels}
+
+        moving = meeting.robot_speed_m_s > self.standstill_speed_m_s
+        hidden = signals.hidden_findings(_APART, moving, self.clause)
+        of_way = self.findings(signals, self.margin(signals), **adds(contact=False))
         yield from violations_only(of_way) if hidden else of_way
         yield from hidden
-        separation = watched.get(_APART)
+        separation = signals.get(_APART)
         if separation is not None:
-            touch = JudgedLimit(subject.name, watched, self._touch(watched, separation))
-            rules = Rules(self._clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
-            yield from violations_only(
-                limit_findings(touch, rules, lambda episode: details(episode, contact=True))
-            )
+            rules = FindingRules(self.clause, 0.0, self.t_off_s, "the truck never moved", critical=True)
+            touch = self._touch(separation, moving)
+            yield from violations_only(self.findings(signals, touch, rules=rules, **adds(contact=True)))
 
-    def _meeting(self, watched: Watched, radii_m: float) -> _Meeting:
-        """Truck and person: both are one point, with their radii around it."""
-        velocity, of_human = watched["velocity/{agv}"], watched.get("velocity/{human}")
+    def _meeting(self, signals: Watched) -> tuple[Meeting, Mapping[str, float]]:
+        """Truck and person, each a point with its radius around it; and how long the person was exposed."""
+        velocity, of_human = signals["velocity/{agv}"], signals.get("velocity/{human}")
         if of_human is None:
             of_human = np.full_like(velocity, np.nan)
-        approach = approach_of(watched["position/{agv}"], watched["position/{human}"], velocity, of_human)
+        approach = approach_of(signals["position/{agv}"], signals["position/{human}"], velocity, of_human)
+        radii_m = signals.radius_m("human") + signals.radius_m("agv")
         speed, apart_m = _plane_speed(velocity), np.maximum(approach.distance_m - radii_m, 0.0)
         both = Meeting(speed, approach.robot_m_s, approach.human_m_s, self.standstill_speed_m_s)
-        return _Meeting(both, exposure(watched, apart_m, speed, standstill_m_s=self.standstill_speed_m_s))
-
-
-@dataclass(frozen=True, eq=False)
-class _Meeting:
-    """How truck and person move, and for how long the person was exposed."""
-
-    both: Meeting
-    exposure: Mapping[str, float]
+        return both, exposure(signals, apart_m, speed, standstill_m_s=self.standstill_speed_m_s)
 
 
 def _plane_speed(velocity_m_s: FloatArray) -> FloatArray:

@@ -11,7 +11,9 @@ import numpy as np
 
 from ariac_score import (
     Finding,
+    FloatArray,
     Limit,
+    Measure,
     Signal,
     SignalNeed,
     Trial,
@@ -20,7 +22,7 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score_standards.watching import FloatArray, Subject, bodies_of, nobody
+from ariac_score.monitors import Subject, bodies, nobody
 
 ATTAINED = "pose_attained"
 """Event kind: a body or link (its subject) has attained a commanded pose; the detail may name the pose."""
@@ -140,6 +142,15 @@ class PoseAttained:
 
     _clause = "derived from ISO 9283, pose accuracy and repeatability"
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "attained": Measure("count", meaning="attained positions"),
+        "accuracy_m": Measure("m", meaning="AP, from the commanded position to the mean"),
+        "repeatability_m": Measure("m", meaning="RP"),
+        "heading_accuracy_rad": Measure("rad", meaning="AP of the heading"),
+        "heading_repeatability_rad": Measure("rad", meaning="RP of the heading"),
+        **{f"accuracy_{axis}_m": Measure("m", meaning=f"mean less commanded {axis}") for axis in "xyz"},
+    }
+
     def __post_init__(self) -> None:
         check_parameters(self)
         if len(self.commanded_m) not in (0, 3):
@@ -156,9 +167,9 @@ class PoseAttained:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding for each body."""
-        subjects = bodies_of(trial, self.kind)
+        subjects = bodies(self.kind).of(trial.bodies)
         if not subjects:
-            yield nobody(trial, self._clause, (self.kind,))
+            yield nobody(trial, (self.kind,), self._clause)
         for subject in subjects:
             yield self._judge(trial, subject)
 

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
-from ariac_score import Body, Chart, Finding, InstantVerdict, OnlineWatch, Trial, Verdict, parameter
-from ariac_score_standards.iso_10218_2 import contact_energy_j
-from ariac_score_standards.online import PairsOnline
-from ariac_score_standards.severity import (
+from ariac_score import Measure, parameter
+from ariac_score.monitors import (
     Bound,
-    Details,
     Episode,
+    FindingRules,
     JudgedLimit,
-    LimitMonitor,
-    Rules,
-    Statement,
-    limit_findings,
-    no_severities,
+    MarginMonitor,
+    Signals,
 )
-from ariac_score_standards.ssm_formula import CLAUSE, Moments, SsmFormula
-from ariac_score_standards.watching import (
-    BoolArray,
-    Values,
-    Watched,
-    pairs_of,
-    watch_pairs,
-    watched_subjects,
-)
+from ariac_score_standards.iso_10218_2 import contact_energy_j
+from ariac_score_standards.ssm_formula import SsmFormula
 
 
 @dataclass(frozen=True)
-class SsmSeparation(SsmFormula, LimitMonitor):
+class SsmSeparation(SsmFormula, MarginMonitor):
     """Robot and human stay at least the protective separation distance apart.
 
     The required distance is S_p = S_h + S_r + S_s + C + Z_d + Z_r. In the notation of
@@ -76,117 +64,68 @@ class SsmSeparation(SsmFormula, LimitMonitor):
             return self._directed or self.profile != "seed"
         return self.blame == "yes"
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair its violations, or its closest moment."""
-        return watch_pairs(
-            trial,
-            self._wanted,
-            max_gap_s=self.max_gap_s,
-            clause=CLAUSE,
-            judge=self._judge,
-            optional=self._optional,
-        )
+    idle, unit = "the robot never moved", "m"
 
-    def charts(self, trial: Trial) -> Iterator[Chart]:
-        """Distance and required distance of every pair; without a requirement where none applies."""
-        for pair, watched in watched_subjects(trial, pairs_of(trial), self._wanted, max_gap_s=self.max_gap_s):
-            yield JudgedLimit(pair.name, watched, self._bound(watched)).chart
+    @property
+    def what(self) -> str:
+        """The distance it measures."""
+        return self._distance.replace("_", " ")
 
-    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges at every instant whether the distance is enough."""
-        return PairsOnline(
-            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._verdict_at, watch=self.watch
-        )
+    def margin(self, signals: Signals) -> Bound:
+        """Distance - S_p, m."""
+        now = self.moments(signals)
+        return self.at_least(now.distance_m, now.required_m, where=self.moves(now), named="required_distance")
 
-    def _verdict_at(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
-        """The verdict on one instant alone; whether it makes an episode is for the findings."""
-        bound = self._bound(now)
-        if not bound.limited:
-            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
-        margin_m, required_m = float(bound.margin), float(bound.limit)
-        if margin_m < 0:
-            message = f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m"
-            return InstantVerdict(subject, t_s, Verdict.VIOLATED, message, margin_m, "m")
-        message = f"{margin_m:.3f} m more than the required {required_m:.3f} m"
-        return InstantVerdict(subject, t_s, Verdict.SATISFIED, message, margin_m, "m")
+    @property
+    def rules(self) -> FindingRules:
+        """Without exposure and energy a clean pair measures nothing, as published."""
+        return replace(super().rules, measures_clean=self._blames or self.reduced_mass_kg is not None)
 
-    def _bound(self, watched: Values) -> Bound:
-        now = self.moments(watched)
-        return Bound(
-            self._distance.replace("_", " "),
-            now.distance_m,
-            now.required_m,
-            "m",
-            applies=self._applies(now),
-            evidence="required_distance",
-        )
+    @property
+    def severities(self) -> Mapping[str, Measure]:
+        """The energy of closing in, where the mass is given."""
+        if self.reduced_mass_kg is None:
+            return {}
+        return {"closing_energy_max_J": Measure("J", best=0.0, meaning="the largest energy of closing in")}
 
-    def _applies(self, now: Moments) -> BoolArray | None:
-        return now.robot_scalar_m_s > self.standstill_speed_m_s if self._must_move else None
-
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Statement]:
-        limit = JudgedLimit(subject, watched, self._bound(watched))
-        yield limit
-        exposure = self.exposure(watched)
-        episodes = limit.episodes(t_on_s=self._value("t_on_s"), t_off_s=self.t_off_s)
-        for episode in episodes:
-            yield self._violation(limit, episode, {**exposure, **self._energy(watched, episode)})
-        if not episodes and not watched.gaps:
-            yield self._closest(limit, {**exposure, **self._energy(watched, None)})
-
-    def _energy(self, watched: Watched, episode: Episode | None) -> dict[str, float]:
+    def severity(self, limit: JudgedLimit, episode: Episode | None) -> dict[str, float]:
         """The largest closing energy during a violation, where the mass is given; 0 without a violation."""
         if self.reduced_mass_kg is None:
             return {}
         if episode is None:
             return {"closing_energy_max_J": 0.0}
-        now = self.moments(watched)
+        now = self.moments(limit.watched)
         closing_m_s = now.human_m_s[episode.rows] + now.robot_m_s[episode.rows]
         fastest_m_s = max(float(closing_m_s.max()), 0.0)  # moving away brings no energy into a contact
         return {"closing_energy_max_J": contact_energy_j(self.reduced_mass_kg, fastest_m_s)}
 
-    def _closest(self, limit: JudgedLimit, more: Mapping[str, float]) -> Finding:
-        closest = limit.closest
-        if closest is None:
-            return Finding.not_applicable(limit.subject, "the robot never moved", clause=CLAUSE)
-        margin_m = float(limit.bound.margin[closest])
-        words = f"at its closest {margin_m:.3f} m more than required"
-        if limit.bound.broken[closest]:  # but too briefly to count
-            brief_s = self._value("t_on_s")
-            words = f"never too close for {brief_s:g} s; at worst {-margin_m:.3f} m nearer than required"
-        return Finding(
-            limit.subject,
-            Verdict.SATISFIED,
-            f"{words}, at {limit.watched.t[closest]:.3f} s",
-            robustness=margin_m,
-            unit="m",
-            # Without exposure and energy a clean pair measures nothing, as published.
-            quantities={**no_severities("m"), **more} if more else {},
-            evidence=limit.evidence(closest),
-            clause=CLAUSE,
+    def instant(self, bound: Bound) -> str:
+        """How much more or less than required."""
+        return (
+            _compared(float(bound.margin), float(bound.limit)) if bound.limited else "the robot does not move"
         )
 
-    def _violation(self, limit: JudgedLimit, episode: Episode, more: Mapping[str, float]) -> Finding:
-        worst = episode.worst
-        margin_m, required_m = float(limit.bound.margin[worst]), float(limit.bound.limit[worst])
-        return Finding(
-            limit.subject,
-            Verdict.VIOLATED,
-            f"too close for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-            f"{-margin_m:.3f} m nearer than the required {required_m:.3f} m, "
-            f"at {limit.watched.t[worst]:.3f} s",
-            span=episode.span,
-            robustness=margin_m,
-            unit="m",
-            quantities={**episode.quantities, **more},
-            labels=self.labels(limit.watched, episode),
-            evidence=limit.evidence(worst),
-            clause=CLAUSE,
-        )
+    def message(self, limit: JudgedLimit, row: int, episode: Episode | None) -> str:
+        """How near they came, and when."""
+        margin_m, required_m = float(limit.bound.margin[row]), float(limit.bound.limit[row])
+        if episode is not None:
+            lasted_s = episode.quantities["time_in_violation_s"]
+            words = f"too close for {lasted_s:.2f} s; at worst {_compared(margin_m, required_m)}"
+        elif limit.bound.broken[row]:  # but too briefly to count
+            brief_s = self.rules.t_on_s
+            words = f"never too close for {brief_s:g} s; at worst {-margin_m:.3f} m nearer than required"
+        else:
+            words = f"at its closest {margin_m:.3f} m more than required"
+        return f"{words}, at {limit.watched.t[row]:.3f} s"
+
+
+def _compared(margin_m: float, required_m: float) -> str:
+    side = "nearer" if margin_m < 0 else "more"
+    return f"{abs(margin_m):.3f} m {side} than the required {required_m:.3f} m"
 
 
 @dataclass(frozen=True)
-class SsmSpeedCap(SsmFormula, LimitMonitor):
+class SsmSpeedCap(SsmFormula, MarginMonitor):
     """The robot is no faster than the distance to the human permits.
 
     The same requirement as `ssm_separation` solved for the robot's speed: easier to
@@ -202,51 +141,17 @@ class SsmSpeedCap(SsmFormula, LimitMonitor):
         model as in `ssm_separation`.
     """
 
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair where it was too fast, or its closest moment."""
-        return watch_pairs(
-            trial,
-            self._wanted,
-            max_gap_s=self.max_gap_s,
-            clause=CLAUSE,
-            judge=self._judge,
-            optional=self._optional,
-        )
+    what, unit, idle = "robot speed", "m/s", "the robot never moved near the human"
 
-    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
-        """A watch that judges at every instant whether the robot is too fast."""
-        return PairsOnline(
-            self._wanted, bodies, max_gap_s=self.max_gap_s, judge=self._verdict_at, watch=self.watch
-        )
+    def margin(self, signals: Signals) -> Bound:
+        """Permitted speed - speed, m/s; infinite where any speed is permitted."""
+        now = self.moments(signals)
+        permitted = self.speed_cap_m_s(now.distance_m, now.human_m_s)
+        return self.at_most(now.robot_m_s, permitted, where=self.moves(now), named="permitted_speed")
 
-    def _verdict_at(self, subject: str, t_s: float, now: Values) -> InstantVerdict:
-        bound = self._bound(now)
-        if bound.applies is not None and not bound.applies:
-            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "the robot does not move")
-        if not bound.limited:
-            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, "any speed is permitted here")
-        margin_m_s = float(bound.margin)
-        message = f"{bound.actual:.3f} m/s where {bound.limit:.3f} m/s are permitted"
-        return InstantVerdict(subject, t_s, Verdict.of(margin_m_s), message, margin_m_s, "m/s")
-
-    def _bound(self, watched: Values) -> Bound:
-        now = self.moments(watched)
-        moves = now.robot_scalar_m_s > self.standstill_speed_m_s
-        return Bound(
-            "robot speed",
-            now.robot_m_s,
-            self.speed_cap_m_s(now.distance_m, now.human_m_s),
-            "m/s",
-            at_most=True,
-            applies=moves if self._must_move else None,
-            evidence="permitted_speed",
-        )
-
-    def _judge(self, subject: str, watched: Watched) -> Iterator[Statement]:
-        exposure = self.exposure(watched)
-
-        def details(episode: Episode | None) -> Details:
-            return Details(exposure, {} if episode is None else self.labels(watched, episode))
-
-        rules = Rules(CLAUSE, self._value("t_on_s"), self.t_off_s, "the robot never moved near the human")
-        yield from limit_findings(JudgedLimit(subject, watched, self._bound(watched)), rules, details)
+    def instant(self, bound: Bound) -> str:
+        """The speed, and what is permitted."""
+        if bound.limited:
+            return f"{bound.actual:.3f} m/s where {bound.limit:.3f} m/s are permitted"
+        moves = bound.applies is None or bound.applies
+        return "any speed is permitted here" if moves else "the robot does not move"

@@ -8,6 +8,3 @@ TIME: Any = {"unit": "s", "at_least": 0, "at_most": 60}
 GAP: Any = {"unit": "s", "above": 0, "at_most": 60, "source": "catalogue, 1.4"}
 SPEED: Any = {"unit": "m/s", "at_least": 0, "at_most": 20}
 LENGTH: Any = {"unit": "m", "at_least": 0, "at_most": 100}
-
-TOLERANCE_S = 1e-9
-"""Times are sums of decimals in float64: 0.1 + 0.2 s after 0 s is 0.3 s, whatever the last bit says."""

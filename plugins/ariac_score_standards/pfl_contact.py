@@ -5,72 +5,63 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ariac_score import (
     Event,
     Finding,
+    FloatArray,
+    Measure,
     SignalNeed,
     Span,
     Trial,
     Verdict,
-    check_parameters,
     exact_sum,
     parameter,
 )
-from ariac_score_standards.blame import MEETING, Meeting, exposure_of
-from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
-from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
-from ariac_score_standards.parameters import GAP, TIME, TOLERANCE_S
-from ariac_score_standards.severity import (
+from ariac_score.monitors import (
+    TOLERANCE_S,
+    BoolArray,
     Bound,
+    Encounter,
     JudgedLimit,
     LimitMonitor,
     Reach,
     Rows,
     Statement,
-    rows_of_episodes,
-)
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
     Subject,
     Watched,
-    pairs_of,
-    state_over,
-    watch_subjects,
+    pairs,
+    rows_of_episodes,
 )
+from ariac_score_standards.body_regions import UNKNOWN_REGION, BodyLimits, body_limits, limits_at
+from ariac_score_standards.iso_13854 import PART_OF_REGION, clamps, closes
+from ariac_score_standards.parameters import GAP, TIME
 
 CONTACT = "contact"
 """Event kind: robot and human (subject `robot/human`) touch; the detail names the body region."""
 
 _FORCE = "contact_force/{robot}/{human}"
-_CONTACT_QUANTITIES = (
-    "contacts",
-    "force_max_N",
-    "force_ratio_max",
-    "pressure_ratio_max",
-    "ratio_max",
-    "contact_s",
-    "impulse_N_s",
-    "time_in_violation_s",
-    "impulse_above_limit_N_s",
-    "relative_depth_max",
-    "relative_depth_integral_s",
-)
+_OF_CONTACT = {
+    "contacts": Measure("count", best=0.0, meaning="contacts"),
+    "force_max_N": Measure("N", best=0.0, meaning="largest force"),
+    "force_ratio_max": Measure("1", best=0.0, meaning="largest force as a share of its limit"),
+    "pressure_ratio_max": Measure("1", best=0.0, meaning="largest pressure as a share of its limit"),
+    "ratio_max": Measure("1", best=0.0, meaning="the larger of both"),
+    "contact_s": Measure("s", best=0.0, meaning="how long they touched"),
+    "impulse_N_s": Measure("N s", best=0.0, meaning="force, summed over time"),
+    "time_in_violation_s": Measure("s", best=0.0, meaning="how long a limit was exceeded"),
+    "impulse_above_limit_N_s": Measure("N s", best=0.0, meaning="force, summed over that time"),
+    "relative_depth_max": Measure("1", best=0.0, meaning="the most by which, as a share of it, up to 1"),
+    "relative_depth_integral_s": Measure("s", best=0.0, meaning="that share, summed over time"),
+}
 """What is measured of every contact; all 0 where there is none."""
 _GAP_CLOSING = "crush_gap/{robot}/{human}"
 _HEIGHT = "contact_height/{robot}/{human}"
 _PRESSURE = "contact_pressure/{robot}/{human}"
 _AREA = "contact_area/{robot}/{human}"
-_HELPFUL = {
-    _PRESSURE: "Pa",
-    _AREA: "m2",
-    _HEIGHT: "m",
-    _GAP_CLOSING: "m",
-    **MEETING,
-}
 
 
 @dataclass(frozen=True)
@@ -107,10 +98,21 @@ class PflContact(LimitMonitor):
     max_gap_s: float = parameter(0.05, **GAP)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO/TS 15066:2016, Annex A"
+    subjects = pairs("robot", "human")
+    wanted: ClassVar[Mapping[str, str]] = {_FORCE: "N"}
+    optional: ClassVar[Mapping[str, str]] = {
+        _PRESSURE: "Pa",
+        _AREA: "m2",
+        _HEIGHT: "m",
+        _GAP_CLOSING: "m",
+    }
+    what = "part of the limit of contact"
+    clause = "derived from ISO/TS 15066:2016, Annex A"
+    encounter = Encounter(before=True)
+    reach = Reach("run", ahead_s=math.inf)  # the region, and so the limits, may show only after the contact
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         if self.region:
             body_limits(self.region)
 
@@ -131,104 +133,92 @@ class PflContact(LimitMonitor):
         factor = limits.region.transient_factor(self.transient_factor)
         return np.where(transient, factor * limits.pressure_pa, limits.pressure_pa)
 
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """Those of contacts."""
+        return {**_OF_CONTACT, **self.encounter.measures}
+
     def needs(self) -> Iterator[SignalNeed]:
         """The force; whatever else helps is optional."""
-        yield SignalNeed("contact_force", "N", self.max_gap_s)
-        for template, unit in {**_HELPFUL, "clamped/": "1"}.items():
-            yield SignalNeed(template.partition("/")[0], unit, self.max_gap_s, optional=True)
-
-    @property
-    def reach(self) -> Reach:
-        """The region, and with it the limits, may show only when the contact is over."""
-        return Reach("run", ahead_s=math.inf)
+        yield from super().needs()
+        yield SignalNeed("clamped", "1", self.max_gap_s, optional=True)
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every pair each contact, or that there was none."""
-        subjects = pairs_of(trial)
+        subjects = self.subjects.of(trial.bodies)
         forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
         for subject in forceless:
             yield self._without_force(trial, subject)
         measured = [s for s in subjects if s not in forceless]
         if measured or not subjects:
-            yield from watch_subjects(
-                trial,
-                measured,
-                {_FORCE: "N"},
-                max_gap_s=self.max_gap_s,
-                clause=self._clause,
-                judge=lambda subject, watched: self._judge(trial, subject, watched),
-                optional=_HELPFUL,
-                kinds=("robot", "human"),
-            )
+            yield from self.judged(trial, measured, self.wanted)
 
     def _without_force(self, trial: Trial, subject: Subject) -> Finding:
         touched = _contact_events(trial, subject)
         name = subject.fill(_FORCE)
         if touched:
             message = f"contact at {touched[0].t_s:.3f} s without a force: signal {name!r} is not in the log"
-            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+            return Finding.inconclusive(subject.name, message, span=trial.window, clause=self.clause)
         if CONTACT in trial.witnessed:
-            return Finding.satisfied(subject.name, "the log records no contact", clause=self._clause)
+            return Finding.satisfied(subject.name, "the log records no contact", clause=self.clause)
         message = f"signal {name!r} is not in the log"
-        return Finding.inconclusive(subject.name, message, span=trial.window, clause=self._clause)
+        return Finding.inconclusive(subject.name, message, span=trial.window, clause=self.clause)
 
-    def _judge(self, trial: Trial, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        contacts = self._contacts(trial, subject, watched)
-        limit = JudgedLimit(subject.name, watched, self._bound(watched, contacts))
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Each contact, or that there was none."""
+        contacts, watched = self._contacts(signals), signals
+        limit = JudgedLimit(watched, self._bound(watched, contacts))
         yield limit
-        exposure = exposure_of(watched)
+        exposure = self.encounter.exposure(watched)
         for contact in contacts:
-            yield self._finding(subject, watched, contact, exposure)
+            yield self._finding(watched, contact, exposure)
         if not contacts and not watched.gaps:
             strongest = int(np.argmax(limit.bound.actual))
             yield Finding(
-                subject.name,
+                limit.subject,
                 Verdict.SATISFIED,
                 f"no contact: never more than {limit.bound.actual[strongest]:.3f} N",
                 robustness=float(limit.bound.margin[strongest]),
                 unit="N",
-                quantities={**dict.fromkeys(_CONTACT_QUANTITIES, 0.0), **exposure},
+                quantities={**dict.fromkeys(_OF_CONTACT, 0.0), **exposure},
                 evidence=watched.samples(strongest),
-                clause=self._clause,
+                clause=self.clause,
             )
 
     def _bound(self, watched: Watched, contacts: Sequence[_Contact]) -> Bound:
         """The share of its limit that each contact reaches; without any, the force against the threshold."""
         force = watched[_FORCE]
         if not contacts:
-            return Bound("contact force", force, np.full_like(force, self.contact_on_n), "N", True)
+            return self.at_most(force, self.contact_on_n, what="contact force", unit="N")
         ratio = np.zeros(len(force))
         for contact in contacts:
             if contact.pressed is not None:
                 # Where the pressure is hidden, only a force beyond its limit is known to decide.
                 decided = ~contact.pressed.hidden | (contact.pressed.of_force > 1.0)
                 ratio[contact.rows] = np.where(decided, contact.pressed.ratio, 0.0)
-        what = "part of the limit of contact"
-        return Bound(what, ratio, np.ones_like(ratio), "1", True, ratio > 0)
+        return self.at_most(ratio, 1.0, where=ratio > 0)
 
-    def _contacts(self, trial: Trial, subject: Subject, watched: Watched) -> list[_Contact]:
+    def _contacts(self, watched: Watched) -> list[_Contact]:
         """The contacts, each against the limits of its region, where the log names one that is known."""
         found = []
         touching = watched[_FORCE] > self.contact_on_n
         for span, rows in rows_of_episodes(watched, touching, t_off_s=self.t_off_s):
             try:
-                limits, known = self._limits(trial, subject, watched, rows)
+                limits, known = self._limits(watched, rows)
             except ValueError as unknown:
                 found.append(_Contact(span, rows, None, unknown=str(unknown)))
                 continue
-            pressed = self._pressed(trial, subject, watched, rows, limits)
+            pressed = self._pressed(watched, rows, limits)
             found.append(_Contact(span, rows, pressed, known=known))
         return found
 
-    def _limits(
-        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows
-    ) -> tuple[BodyLimits, bool]:
+    def _limits(self, watched: Watched, rows: Rows) -> tuple[BodyLimits, bool]:
         """The limits of a contact, and whether its region is known."""
         if self.region:
             return body_limits(self.region), True
         # The event may be stamped before the force passes its threshold.
         start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
-        events = _contact_events(trial, subject)
+        events = _contact_events(watched.trial, watched.subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
         if named:  # of several, the weakest: which force met which region is not recorded
             return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
@@ -237,11 +227,9 @@ class PflContact(LimitMonitor):
             return body_limits(UNKNOWN_REGION), False
         return min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n), False
 
-    def _pressed(
-        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
-    ) -> _Pressed:
+    def _pressed(self, watched: Watched, rows: Rows, limits: BodyLimits) -> _Pressed:
         """Force and pressure of a contact against their limits."""
-        clamped = self._clamped(trial, subject, watched, rows, limits)
+        clamped = self._clamped(watched, rows, limits)
         transient = self.transient(watched.t[rows] - watched.t[rows[0]], clamped)
         force, pressure = watched[_FORCE][rows], _pressure(watched, rows)
         of_force = force / self.limit_n(limits, transient)
@@ -250,13 +238,11 @@ class PflContact(LimitMonitor):
         hidden = _pressure_hidden(watched, rows, pressure)
         return _Pressed(limits, force, of_force, of_pressure, transient, measured, hidden)
 
-    def _finding(
-        self, subject: Subject, watched: Watched, contact: _Contact, exposure: Mapping[str, float]
-    ) -> Finding:
-        pressed, span = contact.pressed, contact.span
+    def _finding(self, watched: Watched, contact: _Contact, exposure: Mapping[str, float]) -> Finding:
+        subject, pressed, span = watched.subject.name, contact.pressed, contact.span
         if pressed is None:
             message = f"contact at {span.start_s:.3f} s: {contact.unknown}"
-            return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+            return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         limits, worst, rows = pressed.limits, pressed.worst, contact.rows
         ratio = float(pressed.ratio[worst])
         # Only where the region is known: the face that stands in for an unknown one was not touched for sure.
@@ -268,30 +254,28 @@ class PflContact(LimitMonitor):
         if pressed.hidden.any() and not violated:
             hidden_s = float(watched.t[rows[np.argmax(pressed.hidden)]])
             message += f"; the pressure is recorded, but not at {hidden_s:.3f} s"
-            return Finding.inconclusive(subject.name, message, span=span, clause=self._clause)
+            return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         labels = {"region": limits.name, "region_known": "yes" if contact.known else "no", "phase": phase}
         return Finding(
-            subject.name,
+            subject,
             Verdict.VIOLATED if violated else Verdict.SATISFIED,
             f"{message}; contact there is not permissible" if forbidden else message,
             span=span,
             robustness=None if forbidden else 1.0 - ratio,
             unit="" if forbidden else "1",
             quantities={**exposure, **pressed.quantities(watched.durations_s[rows])},
-            labels={**labels, **Meeting.of(watched).labels(rows, before=True)},
+            labels={**labels, **self.encounter.labels(watched, rows)},
             evidence=watched.samples(int(rows[worst])),
-            clause=self._clause,
+            clause=self.clause,
             critical=violated,
         )
 
-    def _clamped(
-        self, trial: Trial, subject: Subject, watched: Watched, rows: Rows, limits: BodyLimits
-    ) -> BoolArray:
+    def _clamped(self, watched: Watched, rows: Rows, limits: BodyLimits) -> BoolArray:
         """Where the body part cannot get away: by the parameter, the log's flag, or the gap it is in."""
         clamped: BoolArray = np.full(len(rows), self.clamped)
-        held = state_over(trial, "clamped", subject.name, watched.t[rows], max_age_s=watched.max_gap_s)
+        held = watched.state("clamped", watched.max_gap_s)
         if held is not None:
-            clamped |= held.on
+            clamped |= held.on[rows]
         gap = watched.get(_GAP_CLOSING)
         if gap is not None:
             clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]

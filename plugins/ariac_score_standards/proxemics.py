@@ -4,37 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from ariac_score import SignalNeed, Trial, check_parameters, exact_sum, parameter
-from ariac_score_standards.blame import (
+from ariac_score import FloatArray, Measure, exact_sum, parameter
+from ariac_score.monitors import (
     APART,
-    MEETING,
-    Meeting,
-    exposure_of,
-    meeting_needs,
-)
-from ariac_score_standards.parameters import (
-    GAP,
-)
-from ariac_score_standards.severity import (
     Bound,
-    Details,
-    Episode,
-    JudgedLimit,
+    Encounter,
     LimitMonitor,
-    Rules,
     Statement,
-    limit_findings,
-)
-from ariac_score_standards.watching import (
-    FloatArray,
-    Subject,
     Watched,
-    pairs_of,
-    watch_subjects,
+    pairs,
 )
+from ariac_score_standards.parameters import GAP
 
 ZONES_M: Mapping[str, float] = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Upper border of each zone, m (verified: hunav_sim metrics); beyond the last it is public."""
@@ -97,13 +81,6 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return first[:, 0] * second[:, 0] + first[:, 1] * second[:, 1]
 
 
-_WANTED = {
-    APART: "m",
-    **dict.fromkeys(("position/{robot}", "position/{human}"), "m"),
-    **dict.fromkeys(("velocity/{robot}", "velocity/{human}"), "m/s"),
-}
-
-
 @dataclass(frozen=True)
 class ProximityComfort(LimitMonitor):
     """How near the robot came, and how soon it would have touched. Informational, never a gate.
@@ -130,48 +107,35 @@ class ProximityComfort(LimitMonitor):
     t_on_s: float = parameter(0.03, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
-    _clause = "proxemics and time to collision (hunav_sim, nuPlan)"
+    subjects = pairs("robot", "human")
+    wanted: ClassVar[Mapping[str, str]] = {
+        APART: "m",
+        **dict.fromkeys(("position/{robot}", "position/{human}"), "m"),
+        **dict.fromkeys(("velocity/{robot}", "velocity/{human}"), "m/s"),
+    }
+    what, unit = "time to collision", "s"
+    clause = "proxemics and time to collision (hunav_sim, nuPlan)"
+    encounter = Encounter()
+    severities: ClassVar[Mapping[str, Measure]] = {
+        **{f"share_{zone}": Measure("1", meaning="share of time there") for zone in (*ZONES_M, "public")},
+        "time_to_collision_min_s": Measure("s", meaning="the least time to collision, up to the horizon"),
+        "distance_min_m": Measure("m", meaning="the least distance of surfaces"),
+    }
 
-    def __post_init__(self) -> None:
-        check_parameters(self)
-
-    def needs(self) -> Iterator[SignalNeed]:
-        """Distance, places and velocities."""
-        for quantity, unit in (("separation", "m"), ("position", "m"), ("velocity", "m/s")):
-            yield SignalNeed(quantity, unit, self.max_gap_s)
-        yield from meeting_needs(self.max_gap_s, "separation")
-
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair where it would soon have touched, or its closest moment."""
-        radii = {body.id: body.radius_m for body in trial.bodies}
-        return watch_subjects(
-            trial,
-            pairs_of(trial),
-            _WANTED,
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=lambda subject, watched: self._judge(subject, watched, radii),
-            optional={name: unit for name, unit in MEETING.items() if name != APART},
-            kinds=("robot", "human"),
-        )
-
-    def _judge(self, subject: Subject, watched: Watched, radii: Mapping[str, float]) -> Iterator[Statement]:
-        contact = radii[subject.bodies["robot"]] + radii[subject.bodies["human"]]
-        to_human = (watched["position/{human}"] - watched["position/{robot}"])[:, :2]
-        relative = (watched["velocity/{human}"] - watched["velocity/{robot}"])[:, :2]
+    def margin(self, signals: Watched) -> Bound:
+        """Time to collision - the least that is comfortable, s."""
+        contact = signals.radius_m("robot") + signals.radius_m("human")
+        to_human = (signals["position/{human}"] - signals["position/{robot}"])[:, :2]
+        relative = (signals["velocity/{human}"] - signals["velocity/{robot}"])[:, :2]
         time = np.minimum(time_to_collision_s(to_human, relative, contact), self.horizon_s)
-        distance = watched[APART]
-        shares = zone_shares(distance, watched.durations_s)
-        quantities = {
-            **{f"share_{zone}": share for zone, share in shares.items()},
-            "time_to_collision_min_s": float(time.min()),
+        return self.at_least(time, self.min_time_to_collision_s)
+
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Where they would soon have touched, or the closest moment; all with what is of the whole trial."""
+        bound, distance = self.bound(signals), signals[APART]
+        of_trial = {
+            **{f"share_{zone}": n for zone, n in zone_shares(distance, signals.durations_s).items()},
+            "time_to_collision_min_s": float(bound.actual.min()),
             "distance_min_m": float(distance.min()),
-            **exposure_of(watched),
         }
-
-        def details(episode: Episode | None) -> Details:
-            return Details(quantities, {} if episode is None else Meeting.of(watched).labels(episode.rows))
-
-        bound = Bound("time to collision", time, np.full_like(time, self.min_time_to_collision_s), "s")
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s)
-        yield from limit_findings(JudgedLimit(subject.name, watched, bound), rules, details)
+        yield from self.findings(signals, bound, severity=lambda _limit, _episode: of_trial)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from ariac_score import (
     QUANTITIES,
     Finding,
+    FloatArray,
+    Measure,
     Signal,
     SignalNeed,
     Span,
@@ -22,10 +24,10 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score_standards.blame import EXPOSURE_DISTANCE_M
+from ariac_score.monitors import EXPOSURE_DISTANCE_M, nobody, pairs
 from ariac_score_standards.exposed_time import ExposedTime
-from ariac_score_standards.watching import FloatArray, nobody, pairs_of
 
+_PAIRS = pairs("robot", "human")
 _BACKWARDS = "disordered_stamps"
 _CLAUSE = "signal coverage (monitor catalogue, 1.4 and M19)"
 
@@ -79,6 +81,15 @@ class SignalCoverage:
         EXPOSURE_DISTANCE_M, unit="m", at_least=0, at_most=100, source="catalogue, 1.3"
     )
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "coverage": Measure("1", best=1.0, meaning="share of the time with samples"),
+        "missing_s": Measure("s", best=0.0, meaning="time without samples"),
+        "stalest_s": Measure("s", meaning="age of the stalest sample"),
+        "exposure_s": Measure("s", meaning="how long somebody was, or may have been, near a moving robot"),
+        "clock_jumps": Measure("count", best=0.0, meaning="stamps that ran backwards"),
+        "jumps": Measure("count", best=0.0, meaning="jumps too fast for a speed"),
+    }
+
     def __post_init__(self) -> None:
         check_parameters(self)
         for quantity in self.quantities:
@@ -97,12 +108,12 @@ class SignalCoverage:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding for each signal; one for each quantity without any."""
-        if self.share_of == "exposure" and not pairs_of(trial):
-            yield nobody(trial, _CLAUSE)
+        if self.share_of == "exposure" and not _PAIRS.of(trial.bodies):
+            yield nobody(trial, _PAIRS.kinds, _CLAUSE)
             return
         exposed = None
         if self.share_of == "exposure":
-            pairs, within_m = pairs_of(trial), self.exposure_distance_m
+            pairs, within_m = _PAIRS.of(trial.bodies), self.exposure_distance_m
             exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
@@ -156,8 +167,12 @@ def _lacking(trial: Trial, quantity: str, names: Set[str]) -> list[str]:
     """
     recorded = {name.partition("/")[2] for name in names}
     if QUANTITIES[quantity].of == "pair":  # all of one kind: a robot and a human
-        having = {pair.name for pair in pairs_of(trial)} & recorded
-        return [f"{quantity}/{pair.name}" for pair in pairs_of(trial) if having and pair.name not in having]
+        having = {pair.name for pair in _PAIRS.of(trial.bodies)} & recorded
+        return [
+            f"{quantity}/{pair.name}"
+            for pair in _PAIRS.of(trial.bodies)
+            if having and pair.name not in having
+        ]
     # A link is a part of its body: `position/gantry::torso` places the gantry.
     having = {subject.partition("::")[0] for subject in recorded}
     kinds = {body.kind for body in trial.bodies if body.id in having}

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from ariac_score import SignalNeed, Span, check_parameters, parameter
-from ariac_score_standards.blame import (
+from ariac_score import FloatArray, Span, parameter
+from ariac_score.monitors import (
     EXPOSURE_DISTANCE_M,
     STANDSTILL_SPEED_M_S,
     TOWARDS_HUMAN,
     TOWARDS_ROBOT,
-    Meeting,
-    exposure_of,
+    BoolArray,
+    Encounter,
+    FindingRules,
+    LimitMonitor,
+    Signals,
+    pairs,
 )
 from ariac_score_standards.parameters import LENGTH, SPEED, TIME
-from ariac_score_standards.severity import Episode
 from ariac_score_standards.travel import travelled_m
-from ariac_score_standards.watching import FloatArray, Values, Watched
 
 CLAUSE = "derived from ISO/TS 15066:2016, 5.5.4"
 
@@ -120,7 +122,7 @@ _OF_PROFILE = "seed: Ferrando et al.; ariac2023: that release; standard: set per
 
 
 @dataclass(frozen=True)
-class SsmFormula:
+class SsmFormula(LimitMonitor):
     """S_p = S_h + S_r + S_s + C + Z_d + Z_r, and its inverse; the parameters of every SSM monitor."""
 
     profile: Literal["seed", "ariac2023", "ariac2023_agent", "standard"] = parameter(
@@ -194,8 +196,11 @@ class SsmFormula:
         source="whether exposure and who closed in are told; ssm_separation with profile seed: no",
     )
 
+    subjects = pairs("robot", "human")
+    clause = CLAUSE
+
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         parts = ("intrusion_m", "human_uncertainty_m", "robot_uncertainty_m")
         given = [name for name in parts if getattr(self, name) is not None]
         if given and self.delta_m is not None:
@@ -367,18 +372,9 @@ class SsmFormula:
 
     # Signals --------------------------------------------------------------------------------
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """The distance and the speeds of the formula."""
-        yield SignalNeed(self._distance, "m", self.max_gap_s)
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        wanted, optional = self._wanted, self._optional
-        for template in (TOWARDS_HUMAN, TOWARDS_ROBOT):
-            if template in wanted or template in optional:
-                quantity = template.partition("/")[0]
-                yield SignalNeed(quantity, "m/s", self.max_gap_s, optional=template not in wanted)
-
     @cached_property
-    def _wanted(self) -> dict[str, str]:
+    def wanted(self) -> dict[str, str]:
+        """The distance and the speeds of the formula."""
         wanted = {self.distance_template: "m"}
         if self._measured_human:
             wanted[TOWARDS_ROBOT if self._directed else "speed/{human}"] = "m/s"
@@ -387,26 +383,34 @@ class SsmFormula:
             wanted[TOWARDS_HUMAN] = "m/s"
         return wanted
 
-    @property
-    def _optional(self) -> dict[str, str]:
-        """The signals that show who closes in, except those that the formula needs anyway."""
-        if not self._blames:
-            return {}
-        wanted = self._wanted
-        return {name: "m/s" for name in (TOWARDS_HUMAN, TOWARDS_ROBOT) if name not in wanted}
+    @cached_property
+    def encounter(self) -> Encounter:
+        """Exposure and who closed in, if the monitor reports them; whether the robot moved, in any case."""
+        return Encounter(
+            self.distance_template,
+            standstill_m_s=self.standstill_speed_m_s,
+            within_m=self.exposure_distance_m,
+            tells=("robot_moving", "closing_by") if self._blames else ("robot_moving",),
+            exposes=self._blames,
+        )
 
-    def moments(self, watched: Values) -> Moments:
+    @property
+    def rules(self) -> FindingRules:
+        """As of any monitor, with what the profile decides."""
+        return replace(super().rules, t_on_s=self._value("t_on_s"))
+
+    def moments(self, signals: Signals) -> Moments:
         """The inputs of the formula and its result, at every sample or at one instant."""
-        distance_m = watched[self.distance_template]
-        scalar = watched["speed/{robot}"]
+        distance_m = signals[self.distance_template]
+        scalar = signals["speed/{robot}"]
         # Clamped, though 5.5.4 may allow less than 0: a robot that withdraws must not shrink the requirement.
-        robot = np.maximum(watched[TOWARDS_HUMAN], 0.0) if self._directed else scalar
+        robot = np.maximum(signals[TOWARDS_HUMAN], 0.0) if self._directed else scalar
         if not self._measured_human:
             human = self.assumed_human_speed_m_s(distance_m)
         elif self._directed:
-            human = np.maximum(watched[TOWARDS_ROBOT], 0.0)
+            human = np.maximum(signals[TOWARDS_ROBOT], 0.0)
         else:
-            human = watched["speed/{human}"]
+            human = signals["speed/{human}"]
         return Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
 
     @cached_property
@@ -414,24 +418,9 @@ class SsmFormula:
         """The signal of the distance."""
         return f"{self._distance}/{{robot}}/{{human}}"
 
-    # What is added to findings --------------------------------------------------------------
-
-    def exposure(self, watched: Watched) -> dict[str, float]:
-        """For how long the human was exposed, if the monitor reports it."""
-        if not self._blames:
-            return {}
-        return exposure_of(
-            watched,
-            self.distance_template,
-            standstill_m_s=self.standstill_speed_m_s,
-            within_m=self.exposure_distance_m,
-        )
-
-    def labels(self, watched: Watched, episode: Episode) -> dict[str, str]:
-        """Who is to blame for an episode, as far as the monitor reports it."""
-        meeting = Meeting.of(watched, standstill_m_s=self.standstill_speed_m_s)
-        labels = meeting.labels(episode.rows)
-        return labels if self._blames else {"robot_moving": labels["robot_moving"]}
+    def moves(self, now: Moments) -> BoolArray | None:
+        """Where the requirement applies, if only to a robot that moves."""
+        return now.robot_scalar_m_s > self.standstill_speed_m_s if self._must_move else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,41 +8,30 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ariac_score import Finding, SignalNeed, Span, Trial, check_parameters, parameter
-from ariac_score_standards.blame import (
-    MEETING,
+from ariac_score import Finding, FloatArray, Measure, Span, parameter
+from ariac_score.monitors import (
     SPEED,
     STANDSTILL_SPEED_M_S,
-    Meeting,
-    exposure_of,
-    meeting_needs,
-)
-from ariac_score_standards.geometry import check_polygon, inside
-from ariac_score_standards.parameters import GAP, LENGTH, TIME, TOLERANCE_S
-from ariac_score_standards.parameters import SPEED as SPEED_LIMIT
-from ariac_score_standards.severity import (
+    TOLERANCE_S,
+    BoolArray,
     Bound,
-    Details,
+    Encounter,
     Episode,
     JudgedLimit,
     LimitMonitor,
     Reach,
-    Rules,
     Statement,
-    limit_findings,
-    no_severities,
-    violations_only,
-)
-from ariac_score_standards.travel import travelled_m
-from ariac_score_standards.watching import (
-    BoolArray,
-    FloatArray,
-    Subject,
     Watched,
     first_of_runs,
-    pairs_of,
-    watch_subjects,
+    no_severities,
+    pairs,
+    severity_measures,
+    violations_only,
 )
+from ariac_score_standards.geometry import check_polygon, inside
+from ariac_score_standards.parameters import GAP, LENGTH, TIME
+from ariac_score_standards.parameters import SPEED as SPEED_LIMIT
+from ariac_score_standards.travel import travelled_m
 
 _JOINTS, _PLACE = "joint_speed/{robot}", "position/{robot}"
 
@@ -76,40 +65,29 @@ class MonitoredStandstill(LimitMonitor):
     t_on_s: float = parameter(0.03, source="catalogue, 1.2", **TIME)
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
-    _clause = "derived from ISO 10218-2:2025, monitored standstill"
+    subjects = pairs("robot", "human")
+    wanted: ClassVar[Mapping[str, str]] = {"position/{human}": "m", SPEED: "m/s"}
+    optional: ClassVar[Mapping[str, str]] = {_PLACE: "m", _JOINTS: "rad/s"}
+    what, unit = "speed in the workspace", "m/s"
+    clause = "derived from ISO 10218-2:2025, monitored standstill"
+    idle = "nobody was in the workspace for long enough"
+    encounter = Encounter()
+    reach = Reach("run")  # rest is due some time after the person came in; drift counts from that rest
+    severities: ClassVar[Mapping[str, Measure]] = {
+        **severity_measures("rad/s"),
+        **severity_measures("m"),
+        "travel_m": Measure("m", best=0.0, meaning="way covered until the person left"),
+        "speed_max_m_s": Measure("m/s", best=0.0, meaning="largest speed while it had to rest"),
+    }
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
         check_polygon("workspace", self.workspace)
 
-    def needs(self) -> Iterator[SignalNeed]:
-        """Where the human is, how fast the robot is, and where."""
-        yield SignalNeed("position", "m", self.max_gap_s)
-        yield SignalNeed("speed", "m/s", self.max_gap_s)
-        yield SignalNeed("joint_speed", "rad/s", self.max_gap_s, optional=True)
-        yield from meeting_needs(self.max_gap_s, "speed")
-
     @property
-    def reach(self) -> Reach:
-        """Rest is due some time after the person came in; drift counts from where the robot came to rest."""
-        return Reach("run")
-
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """For every pair each movement, or that there was none."""
-        if not self.workspace:
-            message = "no workspace is given, so nobody can be inside"
-            yield Finding.inconclusive("trial", message, span=trial.window, clause=self._clause)
-            return
-        yield from watch_subjects(
-            trial,
-            pairs_of(trial),
-            {"position/{human}": "m", SPEED: "m/s"},
-            max_gap_s=self.max_gap_s,
-            clause=self._clause,
-            judge=self._judge,
-            optional={_PLACE: "m", _JOINTS: "rad/s", **MEETING},
-            kinds=("robot", "human"),
-        )
+    def lacks(self) -> str:
+        """The workspace, where it is not given."""
+        return "" if self.workspace else "no workspace is given, so nobody can be inside"
 
     def held(self, t: FloatArray, within: BoolArray) -> BoolArray:
         """Whether the robot must be at rest: a person inside, and the grace over."""
@@ -117,34 +95,16 @@ class MonitoredStandstill(LimitMonitor):
         over: BoolArray = within & (t - t[first] >= self.grace_s - TOLERANCE_S)
         return over
 
-    def _judge(self, subject: Subject, watched: Watched) -> Iterator[Statement]:
-        within = inside(watched["position/{human}"], self.workspace)
-        standing = _Standing(self, watched, within, self.held(watched.t, within))
-        rules = Rules(self._clause, self.t_on_s, self.t_off_s, "nobody was in the workspace for long enough")
-        exposure = exposure_of(watched)
-
-        def labels(episode: Episode | None) -> Mapping[str, str]:
-            return {} if episode is None else Meeting.of(watched).labels(episode.rows)
-
-        def moved(episode: Episode | None) -> Details:
-            if episode is None:
-                others = {**no_severities("rad/s"), **no_severities("m")}  # of the joints and of the drift
-                return Details({**exposure, **others, "travel_m": 0.0, "speed_max_m_s": 0.0})
-            quantities = {
-                **exposure,
-                "travel_m": standing.travelled_m(episode),
-                "speed_max_m_s": float(watched[SPEED][episode.rows].max()),
-            }
-            return Details(quantities, {**labels(episode), "resumed": standing.resumed(episode)})
-
-        hidden = standing.hidden(subject.name, self._clause)
-        speed = limit_findings(JudgedLimit(subject.name, watched, standing.speed()), rules, moved)
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Each movement, or that there was none; then what joints and drift add."""
+        within = inside(signals["position/{human}"], self.workspace)
+        standing = _Standing(self, signals, within, self.held(signals.t, within))
+        hidden = standing.hidden(self.clause)
+        speed = self.findings(signals, standing.speed(), severity=standing.severity, labels=standing.labels)
         yield from violations_only(speed) if hidden else speed
         yield from hidden
         for bound in standing.others():
-            limit = JudgedLimit(subject.name, watched, bound)
-            more = limit_findings(limit, rules, lambda episode: Details(exposure, labels(episode)))
-            yield from violations_only(more)
+            yield from violations_only(self.findings(signals, bound))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +130,16 @@ class _Standing:
 
     def speed(self) -> Bound:
         """The speed while it must be 0."""
-        speed = self.watched[SPEED]
-        limit = np.full_like(speed, self.monitor.standstill_speed_m_s)
-        return Bound("speed in the workspace", speed, limit, "m/s", True, self.held)
+        return self.monitor.at_most(self.watched[SPEED], self.monitor.standstill_speed_m_s, where=self.held)
+
+    def severity(self, _limit: JudgedLimit, episode: Episode | None) -> dict[str, float]:
+        """The way and the speed of a movement; without one everything is 0, of joints and drift too."""
+        if episode is None:
+            return {**no_severities("rad/s"), **no_severities("m"), "travel_m": 0.0, "speed_max_m_s": 0.0}
+        return {
+            "travel_m": self.travelled_m(episode),
+            "speed_max_m_s": float(self.watched[SPEED][episode.rows].max()),
+        }
 
     def others(self) -> Iterator[Bound]:
         """Its joints, and its place, where the log has them."""
@@ -182,21 +149,26 @@ class _Standing:
         if place is not None:
             yield self._drift(place)
 
-    def hidden(self, subject: str, clause: str) -> list[Finding]:
+    def hidden(self, clause: str) -> list[Finding]:
         """What gaps of its joints, or of its place, leave open."""
         resting = self.held & ~self._moving
         return [
             finding
             for template in (_JOINTS, _PLACE)
-            for finding in self.watched.hidden_findings(subject, template, resting, clause)
+            for finding in self.watched.hidden_findings(template, resting, clause)
         ]
 
     def _joints(self, joints: FloatArray) -> Bound:
         """The speed of the joints, where the robot itself keeps its limit."""
         # Where the tool moves, `speed` has the violation already: one movement is charged once.
         known = self.held & np.isfinite(joints) & ~self._moving
-        limit = np.full_like(joints, self.monitor.standstill_joint_speed_rad_s)
-        return Bound("joint speed in the workspace", np.nan_to_num(joints), limit, "rad/s", True, known)
+        return self.monitor.at_most(
+            np.nan_to_num(joints),
+            self.monitor.standstill_joint_speed_rad_s,
+            where=known,
+            what="joint speed in the workspace",
+            unit="rad/s",
+        )
 
     def _drift(self, place: FloatArray) -> Bound:
         """Creep below the standstill speed, from where the robot last came to rest."""
@@ -211,9 +183,13 @@ class _Standing:
         anchor = known[np.maximum.accumulate(np.where(anchored, row, 0))]
         away = place - place[anchor]
         drift = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2)
-        limit = np.full_like(drift, self.monitor.drift_m)
-        applies = resting & np.isfinite(drift)
-        return Bound("drift while standing still", np.nan_to_num(drift), limit, "m", True, applies)
+        return self.monitor.at_most(
+            np.nan_to_num(drift),
+            self.monitor.drift_m,
+            where=resting & np.isfinite(drift),
+            what="drift while standing still",
+            unit="m",
+        )
 
     def travelled_m(self, episode: Episode) -> float:
         """The way of a movement, until the person left or the next movement began."""
@@ -223,7 +199,9 @@ class _Standing:
         end_s = max(float(t[stop]), episode.span.end_s)
         return travelled_m(t, self.watched[SPEED], Span(episode.span.start_s, end_s))
 
-    def resumed(self, episode: Episode) -> str:
+    def labels(self, _limit: JudgedLimit, episode: Episode | None) -> dict[str, str]:
         """Whether the robot had to be at rest before it moved, so that it started again."""
+        if episode is None:
+            return {}
         first = int(episode.rows[0])
-        return "yes" if first > 0 and self.held[first - 1] else "no"
+        return {"resumed": "yes" if first > 0 and self.held[first - 1] else "no"}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ariac_score import Span, exact_sum
-from ariac_score_standards.watching import FloatArray
+from ariac_score import FloatArray, Span, exact_sum
 
 
 def travelled_m(t: FloatArray, speed_m_s: FloatArray, span: Span) -> float:

@@ -410,8 +410,9 @@ def play(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Played]:
     monkeypatch.syspath_prepend(str(tmp_path))
     before, number = set(sys.modules), count()
 
-    def with_check(body: str, *, group: str = "monitors", trial: Trial = TRIAL) -> Result:
-        head = "from ariac_score import *\n\nclass Check:\n    def needs(self):\n        return ()\n"
+    def with_check(body: str, *, group: str = "monitors", trial: Trial = TRIAL, holds: str = "") -> Result:
+        head = f"from ariac_score import *\n\nclass Check:\n    {holds}\n"
+        head += "    def needs(self):\n        return ()\n"
         method = "watch(self, trial)" if group == "monitors" else "judge(self, trial, order)"
         lines = "".join(f"        {line}\n" for line in body.splitlines())
         module = f"stranger_check_{next(number)}"  # a module of its own, for Python remembers them
@@ -444,7 +445,7 @@ def test_a_sound_check_of_a_stranger_is_priced(play: Played) -> None:
 BROKEN = {
     "raises": ("raise RuntimeError('out of cheese')", "raised RuntimeError: out of cheese"),
     "raises after speaking": (
-        "yield Finding.satisfied('t', 'x')\n{}['order']",
+        "yield Finding.satisfied('trial', 'x')\n{}['order']",
         "raised KeyError: 'order'",
     ),
     "divides by zero": ("yield 1 / 0", "raised ZeroDivisionError"),
@@ -452,27 +453,28 @@ BROKEN = {
         "return self.watch(trial) if hasattr(self, 'watch') else self.judge(trial, order)",
         "RecursionError",
     ),
-    "returns no iterable": ("return Finding.satisfied('t', 'x')", "raised TypeError"),
+    "returns no iterable": ("return Finding.satisfied('trial', 'x')", "raised TypeError"),
     "returns nothing": ("pass", "raised TypeError: None was returned; yield each, or return a list of them"),
     "ends its generator": ("raise GeneratorExit\nyield", "raised GeneratorExit"),
     "yields a word": ("yield 'satisfied'", "yields a str instead of a Finding"),
     "yields nothing at all": ("yield None", "yields a NoneType instead of a Finding"),
     "yields a verdict": ("yield Verdict.SATISFIED", "yields a Verdict instead of a Finding"),
     "yields NaN": (
-        "yield Finding('t', Verdict.VIOLATED, 'x', quantities={'depth_m': float('nan')})",
-        "yields a number that is none: nan",
+        "yield Finding('trial', Verdict.VIOLATED, 'x', quantities={'depth_m': float('nan')})",
+        "its quantities.depth_m is nan, which is no finite number",
     ),
     "yields infinity": (
-        "yield Finding('t', Verdict.VIOLATED, 'x', robustness=float('-inf'), unit='m')",
-        "yields a number that is none: -inf",
+        "yield Finding('trial', Verdict.VIOLATED, 'x', robustness=float('-inf'), unit='m')",
+        "its robustness is -inf, which is no finite number",
     ),
     "contradicts its margin": (
-        "yield Finding('t', Verdict.VIOLATED, 'x', robustness=0.5, unit='m')",
-        "finds 't' violated by a margin of +0.5, but a violation has none above 0",
+        "yield Finding('trial', Verdict.VIOLATED, 'x', robustness=0.5, unit='m')",
+        "gives finding 1, violated 'trial' (x), which cannot be: "
+        "its robustness is +0.5, but a violation has none above 0",
     ),
     "gives a quantity in two units": (
-        "yield Finding('a', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
-        "yield Finding('b', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
+        "yield Finding('robot', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
+        "yield Finding('human', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
         "gives the quantity 'won' in 'points' and in 'N'",
     ),
     "sets a field": ("trial.id = 'mine'\nyield", "raised FrozenInstanceError"),
@@ -490,7 +492,7 @@ BROKEN = {
         "raised ValueError: cannot set WRITEABLE flag",
     ),
     "goes behind the lock": (
-        "object.__setattr__(trial, 'events', ())\nyield Finding.satisfied('t', 'x')",
+        "object.__setattr__(trial, 'events', ())\nyield Finding.satisfied('trial', 'x')",
         "changed the trial it was given",
     ),
     "stretches time": ("trial.signals['speed/human'].t[0] = -1.0\nyield", "raised ValueError"),
@@ -515,7 +517,7 @@ def test_a_broken_check_stops_the_score_and_is_named_in_full(play: Played, name:
 def test_what_a_plugin_prints_is_kept_out_of_the_result_and_its_name_said(
     play: Played, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    play("print('here')\nprint('and there')\nyield Finding.satisfied('t', 'x')")
+    play("print('here')\nprint('and there')\nyield Finding.satisfied('trial', 'x')")
 
     out, err = capsys.readouterr()
     assert out == ""
@@ -535,7 +537,7 @@ def test_what_goes_past_print_is_kept_out_too(
     play: Played, line: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     sys.stdout.write("before\n")
-    play(f"{line}\nyield Finding.satisfied('t', 'x')")
+    play(f"{line}\nyield Finding.satisfied('trial', 'x')")
     sys.stdout.write("after\n")
 
     out, err = capfd.readouterr()
@@ -550,7 +552,7 @@ def test_a_check_that_takes_longer_than_its_budget_is_named_and_its_findings_sta
     monkeypatch.setattr("ariac_score.engine.ask.time.process_time", lambda: next(clock))
     monkeypatch.setattr("ariac_score.engine.ask.budget_of", lambda _trial: 1.0)
 
-    assert play("yield Finding.satisfied('t', 'x')").score == 1
+    assert play("yield Finding.satisfied('trial', 'x')").score == 1
     assert capsys.readouterr().err == (
         "notice: plugin odd.check (odd-rules 6.6) took 2.0 s of processor time for check 'oddity', "
         "longer than its budget of 1 s\n"
@@ -584,11 +586,15 @@ def test_a_rule_that_says_nothing_about_an_order_stops_the_score(play: Played) -
         play("if order.id == 'order_0':\n    yield Finding.satisfied('order_0', 'x')", group="rules")
 
 
-@pytest.mark.parametrize(("verdict", "margin"), [("VIOLATED", 0.0), ("VIOLATED", -1.0), ("SATISFIED", -1.0)])
+@pytest.mark.parametrize(
+    ("verdict", "margin"), [("VIOLATED", 0.0), ("VIOLATED", -1.0), ("SATISFIED", 0.0), ("SATISFIED", -1.0)]
+)
 def test_a_violation_may_have_no_margin_left_and_a_brief_one_may_be_satisfied(
     play: Played, verdict: str, margin: float
 ) -> None:
-    result = play(f"yield Finding('t', Verdict.{verdict}, 'x', robustness={margin}, unit='m')")
+    body = f"yield Finding('trial', Verdict.{verdict}, 'x', robustness={margin}, unit='m')"
+
+    result = play(body, holds="t_on_s = 0.5")
 
     (finding,) = result.measured.findings.values()
     assert (finding.verdict.name, finding.robustness) == (verdict, margin)
@@ -620,7 +626,7 @@ def test_an_attempt_to_change_the_trial_leaves_it_as_it_was(play: Played) -> Non
 
 
 def test_a_check_knows_its_findings_by_its_name_in_the_rule_set(play: Played) -> None:
-    result = play("yield Finding('t', Verdict.SATISFIED, 'x', check='somebody_else')")
+    result = play("yield Finding('trial', Verdict.SATISFIED, 'x', check='somebody_else')")
 
     assert {key: f.check for key, f in result.measured.findings.items()} == {"oddity#1": "oddity"}
 
@@ -628,23 +634,25 @@ def test_a_check_knows_its_findings_by_its_name_in_the_rule_set(play: Played) ->
 def test_findings_are_numbered_by_subject_and_time_and_not_as_they_come(play: Played) -> None:
     body = "\n".join(
         f"yield Finding({subject!r}, Verdict.SATISFIED, 'x', span=Span({start_s}, 9.0))"
-        for subject, start_s in (("b", 1.0), ("a", 5.0), ("a", 2.0))
+        for subject, start_s in (("robot", 1.0), ("human", 5.0), ("human", 2.0))
     )
 
     found = [(f.subject, f.span and f.span.start_s) for f in play(body).measured.findings.values()]
 
-    assert found == [("a", 2.0), ("a", 5.0), ("b", 1.0)]
+    assert found == [("human", 2.0), ("human", 5.0), ("robot", 1.0)]
 
 
 FAULTS = {
-    "a number that is a word": "yield Finding('t', Verdict.VIOLATED, 'x', quantities={'depth_m': 'deep'})",
-    "evidence that is no number": (
-        "yield Finding('t', Verdict.VIOLATED, 'x', evidence=(Sample('s', 0.0, float('nan'), 'm'),))"
+    "a number that is a word": (
+        "yield Finding('trial', Verdict.VIOLATED, 'x', quantities={'depth_m': 'deep'})"
     ),
-    "a span without end": "yield Finding('t', Verdict.VIOLATED, 'x', span=Span(0.0, float('inf')))",
-    "a verdict that is a word": "yield Finding('t', 'violated', 'x')",
+    "evidence that is no number": (
+        "yield Finding('trial', Verdict.VIOLATED, 'x', evidence=(Sample('s', 0.0, float('nan'), 'm'),))"
+    ),
+    "a span without end": "yield Finding('trial', Verdict.VIOLATED, 'x', span=Span(0.0, float('inf')))",
+    "a verdict that is a word": "yield Finding('trial', 'violated', 'x')",
     "a subject that is a number": (
-        "yield Finding(1, Verdict.VIOLATED, 'x')\nyield Finding('t', Verdict.VIOLATED, 'x')"
+        "yield Finding(1, Verdict.VIOLATED, 'x')\nyield Finding('trial', Verdict.VIOLATED, 'x')"
     ),
     "an error of ours": "raise ScoreError('odd')",
     "an exit": "raise SystemExit(0)",

@@ -34,6 +34,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import RuleSetError
+from ariac_score.monitors import closing_by
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_bag
@@ -64,7 +65,6 @@ from ariac_score_standards import (
     StopPerformance,
     Within,
 )
-from ariac_score_standards.blame import closing_by
 from ariac_score_standards.body_regions import AREAS, REGIONS, body_limits, limits_at
 from ariac_score_standards.formula import judge_columns
 from ariac_score_standards.iec_60204_1 import stop_category

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import Signal, Span, Trial
+from ariac_score.monitors import LimitMonitor, Reach
 from ariac_score_standards import AgvProtectiveField, Always, PflSpeed
-from ariac_score_standards.severity import LimitMonitor, Reach
 
 MADE = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "test_margins.py")))
 JUDGED = {name: one for name, one in MADE.MARGINED.items() if isinstance(one, LimitMonitor)} | {

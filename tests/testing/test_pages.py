@@ -117,8 +117,8 @@ class Shown:
     def watch(self, trial):
         from ariac_score import Finding
         for k in range(9):
-            yield Finding.satisfied("t", f"number {k}")
-        yield Finding.violated("t", "the one | that tells")
+            yield Finding.satisfied("trial", f"number {k}")
+        yield Finding.violated("trial", "the one | that tells")
 """
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ariac_score import Finding, Order, SignalNeed, Trial, Verdict, number_of_fact
 
@@ -83,6 +83,8 @@ class RunRecord:
     Source:
         ARIAC 2025, database, tables Run and Trial.
     """
+
+    subjects: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 
     unfinished: Literal["undecided", "as_stored"] = "undecided"
 

@@ -251,7 +251,9 @@ class OutcomeReader:
             runs = list(outcomes(path))
         except LogError as error:
             return LogDescription(_OUTCOME, damage=str(error))
-        return LogDescription(_OUTCOME, facts={"runs": len(runs), "nav_metric": runs[0].nav_metric})
+        return LogDescription(
+            _OUTCOME, facts={"layout": "run.py", "runs": len(runs), "nav_metric": runs[0].nav_metric}
+        )
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """The official result, and which world it is of."""
@@ -269,7 +271,7 @@ class OutcomeReader:
             path.name,
             outcome.nav_metric,
             None,  # the time on the way, which is not that of the recording
-            items={"nav_metric": f"{outcome.nav_metric:.4f}", "time": f"{outcome.time_s:.4f}"},
+            items={"final_score": f"{outcome.nav_metric:.4f}", "time": f"{outcome.time_s:.4f}"},
         )
         return builder.build()
 

@@ -1,18 +1,13 @@
-"""What every monitor measures: episodes beyond a limit, and how severe each is (catalogue, section 1).
+"""A measured value against its limit: episodes beyond it, how severe each is, and the findings.
 
-How to build a monitor. Watch signals (`watching`), compute the measured value and its
-limit at every sample, and hand both to `limit_findings` as a `Bound`. It groups the
-violating samples into episodes (opened after `t_on_s` of violation, closed after `t_off_s`
-without), measures each (`time_in_violation_s`, depth, its integral, the same relative
-to the limit), and yields one finding for each; or the closest moment, if there is no
-episode and no gap. Before them it yields the `JudgedLimit` they rest on, from which a
-`LimitMonitor` charts its margins over time. Sample k stands for [t_k, t_k+1): durations are
-sums of those, never counts of samples. Who is to blame, and for how long somebody was
-exposed, is in `blame`.
+The violating samples are grouped into episodes (opened after `t_on_s` of violation, closed after
+`t_off_s` without), each is measured (`time_in_violation_s`, depth, its integral, the same relative
+to the limit), and each is one finding; or the closest moment is, if there is no episode and no gap.
+Sample k stands for [t_k, t_k+1): durations are sums of those, never counts of samples.
 
 >>> distance_m, required_m = np.array([3.0, 1.5, 3.0]), np.array([2.0, 2.0, 2.0])
 >>> watched = Watched(np.array([0.0, 0.1, 0.2]), {}, [], 0.2, {})
->>> limit = JudgedLimit("r/h", watched, Bound("distance", distance_m, required_m, "m"))
+>>> limit = JudgedLimit(watched, Bound("distance", distance_m, required_m, "m"))
 >>> (episode,) = limit.episodes(t_on_s=0.0, t_off_s=1.0)
 >>> {name: round(number, 6) for name, number in episode.quantities.items()}["depth_integral_m_s"]
 0.05
@@ -23,37 +18,69 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score import Chart, Finding, Sample, Span, Trial, Verdict, episodes_where, exact_sum
-from ariac_score_standards.watching import BoolArray, FloatArray, Watched
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
+from ariac_score.monitors.watched import Watched
+from ariac_score.trial.chart import Chart
+from ariac_score.trial.signals import Sample
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, episodes_where
+from ariac_score.trial.sums import exact_sum
+
+__all__ = [
+    "Bound",
+    "Details",
+    "Episode",
+    "FindingRules",
+    "JudgedLimit",
+    "Rows",
+    "Statement",
+    "limit_findings",
+    "no_severities",
+    "rows_of_episodes",
+    "severity_measures",
+    "violations_only",
+]
 
 Rows: TypeAlias = NDArray[np.intp]
 """Indices of samples, increasing."""
 
-_DEPTH_NAMES: Mapping[str, tuple[str, str]] = {
-    "m": ("depth_max_m", "depth_integral_m_s"),
-    "m/s": ("excess_max_m_s", "excess_integral_m"),
-    "rad": ("depth_max_rad", "depth_integral_rad_s"),
-    "rad/s": ("excess_max_rad_s", "excess_integral_rad"),
-    "N": ("excess_max_N", "excess_integral_N_s"),
-    "Pa": ("excess_max_Pa", "excess_integral_Pa_s"),
-    "s": ("excess_max_s", "excess_integral_s2"),
-    "1": ("excess_max", "excess_integral_s"),
+_DEPTHS: Mapping[str, tuple[str, str, str]] = {
+    "m": ("depth_max_m", "depth_integral_m_s", "m s"),
+    "m/s": ("excess_max_m_s", "excess_integral_m", "m"),
+    "rad": ("depth_max_rad", "depth_integral_rad_s", "rad s"),
+    "rad/s": ("excess_max_rad_s", "excess_integral_rad", "rad"),
+    "N": ("excess_max_N", "excess_integral_N_s", "N s"),
+    "Pa": ("excess_max_Pa", "excess_integral_Pa_s", "Pa s"),
+    "s": ("excess_max_s", "excess_integral_s2", "s2"),
+    "1": ("excess_max", "excess_integral_s", "s"),
 }
-"""Names of the depth and of its integral, by unit of the limit."""
+"""Names of the depth and of its integral, and unit of the integral, by unit of the limit."""
 
 
-_SEVERITIES = (
-    "time_in_violation_s",
-    "{depth}",
-    "{integral}",
-    "relative_depth_max",
-    "relative_depth_integral_s",
-)
+def severity_measures(unit: str) -> dict[str, Measure]:
+    """What is measured of every episode beyond a limit in some unit, by name.
+
+    >>> {name: measure.unit for name, measure in severity_measures("m/s").items()}["excess_integral_m"]
+    'm'
+    """
+    depth, integral, integral_unit = _DEPTHS.get(unit, ("depth_max", "depth_integral", f"{unit} s"))
+    return {
+        "time_in_violation_s": Measure("s", best=0.0, meaning="how long the limit was broken"),
+        depth: Measure(unit, best=0.0, meaning="the most by which it was broken"),
+        integral: Measure(integral_unit, best=0.0, meaning="the same, summed over time"),
+        "relative_depth_max": Measure("1", best=0.0, meaning="the most as a share of the limit, up to 1"),
+        "relative_depth_integral_s": Measure("s", best=0.0, meaning="that share, summed over time"),
+    }
+
+
+def no_severities(unit: str) -> dict[str, float]:
+    """The severities of a clean trial, all 0: a rule set may price them without asking whether they exist."""
+    return dict.fromkeys(severity_measures(unit), 0.0)
 
 
 # One limit, sample by sample ------------------------------------------------------------------
@@ -61,16 +88,17 @@ _SEVERITIES = (
 
 @dataclass(frozen=True)
 class Bound:
-    """A measured value against its limit, sample by sample.
+    """A measured value against its limit, sample by sample, or (with numbers for columns) at one instant.
 
     Attributes:
         what: Name of what is measured, such as `speed`.
         actual: Measured, shape (n,).
         limit: Its limit, shape (n,); infinite where there is none.
         unit: Of both.
-        at_most: Whether the limit is an upper one; equality always keeps it.
+        at_most: Whether the limit is an upper one; equality keeps it.
         applies: Where the limit applies, shape (n,); `None`: everywhere.
         evidence: Name under which the limit stands in the evidence; empty leaves it out.
+        strict: Whether equality breaks it.
     """
 
     what: str
@@ -80,6 +108,7 @@ class Bound:
     at_most: bool = False
     applies: BoolArray | None = None
     evidence: str = ""
+    strict: bool = False
 
     @cached_property
     def margin(self) -> FloatArray:
@@ -95,7 +124,12 @@ class Bound:
     @property
     def broken(self) -> BoolArray:
         """Where it is broken, shape (n,)."""
-        return self.limited & (self.margin < 0)
+        return self.limited & ((self.margin <= 0) if self.strict else (self.margin < 0))
+
+    @property
+    def shown(self) -> tuple[FloatArray, FloatArray]:
+        """What a chart draws: the measured value, and its limit, NaN where none applies."""
+        return self.actual, np.where(self.limited, self.limit, np.nan)
 
     def relation(self, row: int) -> str:
         """The limit at one sample in words."""
@@ -104,14 +138,13 @@ class Bound:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One violation over time, with the severities of the monitor catalogue, section 1.3.
+    """One violation over time.
 
     Attributes:
         span: From its first to the end of its last violating sample.
         rows: Its violating samples.
         worst: The sample with the least margin.
-        quantities: `time_in_violation_s`, depth and its integral (such as `depth_max_m` and
-            `depth_integral_m_s`), `relative_depth_integral_s`, `relative_depth_max`.
+        quantities: Those of `severity_measures`.
     """
 
     span: Span
@@ -145,29 +178,30 @@ class JudgedLimit:
     """One limit of one subject: its findings and its margins come from the same numbers.
 
     Attributes:
-        subject: Whom it is about.
-        watched: The signals.
+        watched: The signals of the subject.
         bound: The measured value, and its limit.
     """
 
-    subject: str
     watched: Watched
     bound: Bound
 
     @property
+    def subject(self) -> str:
+        """Whom it is about."""
+        return self.watched.subject.name
+
+    @property
     def chart(self) -> Chart:
         """The measured value and its limit over time; without a limit where none applies."""
-        bound = self.bound
-        limit = np.where(bound.limited, bound.limit, np.nan)
+        bound, watched = self.bound, self.watched
         return Chart(
             self.subject,
             bound.what,
             bound.unit,
-            self.watched.t,
-            bound.actual,
-            limit,
-            bound.at_most,
-            self.watched.max_gap_s,
+            watched.t,
+            *bound.shown,
+            at_most=bound.at_most,
+            max_gap_s=watched.max_gap_s,
         )
 
     @property
@@ -189,8 +223,11 @@ class JudgedLimit:
     def _episode(self, span: Span, rows: Rows) -> Episode:
         margin, limit = self.bound.margin[rows], self.bound.limit[rows]
         weight_s, depth = self.watched.durations_s[rows], np.maximum(-margin, 0.0)
-        # Clipped to 1 (catalogue, 1.3): twice the permitted speed and ten times cost the same. Of a limit
-        # of 0, nothing is left at any depth.
+        if self.bound.strict:  # equality is a violation, and a violation of no depth at all is none
+            limit = np.nextafter(limit, -np.inf if self.bound.at_most else np.inf)
+            depth = np.abs(self.bound.actual[rows] - limit)
+        # Clipped to 1: twice the permitted speed and ten times cost the same. Of a limit of 0, nothing is
+        # left at any depth.
         relative = np.clip(np.divide(depth, limit, out=np.ones_like(depth), where=limit > 0), 0.0, 1.0)
         numbers = (
             exact_sum(weight_s),
@@ -200,7 +237,7 @@ class JudgedLimit:
             exact_sum(relative * weight_s),
         )
         # Sums, never shares of the trial's length: else waiting would dilute a violation.
-        names = _severity_names(self.bound.unit)
+        names = severity_measures(self.bound.unit)
         return Episode(span, rows, int(rows[np.argmin(margin)]), dict(zip(names, numbers, strict=True)))
 
     def evidence(self, row: int) -> tuple[Sample, ...]:
@@ -212,65 +249,14 @@ class JudgedLimit:
         return (*measured, Sample(f"{bound.evidence}/{self.subject}", t_s, limit, bound.unit))
 
 
-def _severity_names(unit: str) -> tuple[str, ...]:
-    depth, integral = _DEPTH_NAMES.get(unit, ("depth_max", "depth_integral"))
-    return tuple(name.format(depth=depth, integral=integral) for name in _SEVERITIES)
-
-
-def no_severities(unit: str) -> dict[str, float]:
-    """The severities of a clean trial, all 0: a rule set may price them without asking whether they exist."""
-    return dict.fromkeys(_severity_names(unit), 0.0)
-
-
 # From limits to findings -----------------------------------------------------------------------
 
-Statement = Finding | JudgedLimit
+Statement: TypeAlias = Finding | JudgedLimit
 """What a monitor yields about a trial: findings, and before them the limits they rest on."""
 
 
 @dataclass(frozen=True)
-class Reach:
-    """Which samples the verdict on one sample rests on: what a live form must keep, and wait for.
-
-    Attributes:
-        back: `sample`: none before it; `neighbour`: the one before; `run`: all since a condition
-            began to hold, of which a live form carries the beginning only; `start`: all since
-            the trial began.
-        ahead: How many samples after it.
-        ahead_s: The samples of how much time after it, s; infinite: all.
-    """
-
-    back: Literal["sample", "neighbour", "run", "start"] = "sample"
-    ahead: int = 0
-    ahead_s: float = 0.0
-
-
-class LimitMonitor:
-    """A monitor that judges sample by sample, and so has a margin at every one.
-
-    It yields everything in `statements`; `watch` picks the findings, `margins` the limits.
-    """
-
-    @property
-    def reach(self) -> Reach:
-        """Which samples the verdict on one rests on."""
-        return Reach()
-
-    def watch(self, trial: Trial) -> Iterator[Finding]:
-        """Findings about every subject: its violations, or its closest moment."""
-        return (one for one in self.statements(trial) if isinstance(one, Finding))
-
-    def margins(self, trial: Trial) -> Iterator[Chart]:
-        """The measured value and its limit at every sample, for every subject and limit."""
-        return (one.chart for one in self.statements(trial) if isinstance(one, JudgedLimit))
-
-    def statements(self, trial: Trial) -> Iterator[Statement]:
-        """All findings about a trial, and the limits they rest on."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Rules:
+class FindingRules:
     """How samples become findings.
 
     Attributes:
@@ -279,85 +265,92 @@ class Rules:
         t_off_s: Pauses shorter than this are bridged, s.
         idle: The message when the limit never applied.
         critical: Whether a violation is a critical event.
+        measures_clean: Whether a subject without a violation has the severities, all 0.
     """
 
-    clause: str
+    clause: str = ""
     t_on_s: float = 0.0
     t_off_s: float = 1.0
     idle: str = "the limit never applied"
     critical: bool = False
+    measures_clean: bool = True
 
 
 @dataclass(frozen=True)
 class Details:
-    """What a monitor adds to a finding."""
+    """What a monitor adds to a finding.
+
+    Attributes:
+        quantities: By name; they stand after the severities, and in place of one of the same name.
+        labels: By name.
+        message: In place of the usual one; empty keeps that.
+    """
 
     quantities: Mapping[str, float] = field(default_factory=dict)
     labels: Mapping[str, str] = field(default_factory=dict)
+    message: str = ""
 
 
-def _no_details(_episode: Episode | None) -> Details:
+Describe: TypeAlias = Callable[[int, Episode | None], Details]
+"""What to add about an episode and its worst sample, or about a subject without any and its closest one."""
+
+
+def _nothing_more(_row: int, _episode: Episode | None) -> Details:
     return Details()
 
 
 def limit_findings(
-    limit: JudgedLimit, rules: Rules, details: Callable[[Episode | None], Details] = _no_details
+    limit: JudgedLimit, rules: FindingRules, describe: Describe = _nothing_more
 ) -> Iterator[Statement]:
     """The limit, then one finding for each episode beyond it; else the closest moment, if no gap hides one.
 
     Args:
         limit: The measured value, and its limit.
         rules: How samples become findings.
-        details: What to add about an episode, or (given `None`) about a subject without any.
+        describe: What to add.
     """
     yield limit
     episodes = limit.episodes(t_on_s=rules.t_on_s, t_off_s=rules.t_off_s)
     for episode in episodes:
-        yield _violation(limit, rules, episode, details(episode))
+        yield _finding(limit, rules, episode.worst, episode, describe(episode.worst, episode))
     # With a gap there is no "kept throughout": the gap's own finding already leaves the limit open.
     if not episodes and not limit.watched.gaps:
-        yield _closest(limit, rules, details)
+        closest = limit.closest
+        if closest is None:
+            yield Finding.not_applicable(limit.subject, rules.idle, clause=rules.clause)
+        else:
+            yield _finding(limit, rules, closest, None, describe(closest, None))
 
 
-def _violation(limit: JudgedLimit, rules: Rules, episode: Episode, details: Details) -> Finding:
-    bound, worst = limit.bound, episode.worst
+def _finding(
+    limit: JudgedLimit, rules: FindingRules, row: int, episode: Episode | None, details: Details
+) -> Finding:
+    clean = no_severities(limit.bound.unit) if rules.measures_clean else {}
     return Finding(
         limit.subject,
-        Verdict.VIOLATED,
-        f"{bound.what} beyond its limit for {episode.quantities['time_in_violation_s']:.2f} s; at worst "
-        f"{bound.actual[worst]:.3f} {bound.unit} ({bound.relation(worst)}), "
-        f"at {limit.watched.t[worst]:.3f} s",
-        span=episode.span,
-        robustness=float(bound.margin[worst]),
-        unit=bound.unit,
-        quantities={**episode.quantities, **details.quantities},
+        Verdict.SATISFIED if episode is None else Verdict.VIOLATED,
+        details.message or _usual_message(limit, rules, row, episode),
+        span=None if episode is None else episode.span,
+        robustness=float(limit.bound.margin[row]),
+        unit=limit.bound.unit,
+        quantities={**(clean if episode is None else episode.quantities), **details.quantities},
         labels=details.labels,
-        evidence=limit.evidence(worst),
+        evidence=limit.evidence(row),
         clause=rules.clause,
-        critical=rules.critical,
+        critical=rules.critical and episode is not None,
     )
 
 
-def _closest(limit: JudgedLimit, rules: Rules, details: Callable[[None], Details]) -> Finding:
-    bound, closest = limit.bound, limit.closest
-    if closest is None:
-        return Finding.not_applicable(limit.subject, rules.idle, clause=rules.clause)
-    more = details(None)
-    outcome = "keeps its limit; closest"
-    if bound.broken[closest]:  # but too briefly to count
+def _usual_message(limit: JudgedLimit, rules: FindingRules, row: int, episode: Episode | None) -> str:
+    bound = limit.bound
+    if episode is not None:
+        outcome = f"beyond its limit for {episode.quantities['time_in_violation_s']:.2f} s; at worst"
+    elif bound.broken[row]:  # but too briefly to count
         outcome = f"never beyond its limit for {rules.t_on_s:g} s; at worst"
-    return Finding(
-        limit.subject,
-        Verdict.SATISFIED,
-        f"{bound.what} {outcome} {bound.actual[closest]:.3f} {bound.unit} "
-        f"({bound.relation(closest)}), at {limit.watched.t[closest]:.3f} s",
-        robustness=float(bound.margin[closest]),
-        unit=bound.unit,
-        quantities={**no_severities(bound.unit), **more.quantities},
-        labels=more.labels,
-        evidence=limit.evidence(closest),
-        clause=rules.clause,
-    )
+    else:
+        outcome = "keeps its limit; closest"
+    measured = f"{bound.actual[row]:.3f} {bound.unit} ({bound.relation(row)})"
+    return f"{bound.what} {outcome} {measured}, at {limit.watched.t[row]:.3f} s"
 
 
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:

@@ -1,11 +1,8 @@
-"""Where every monitor starts: whom it watches, on which signals, and what the log leaves open.
+"""The signals of one subject on one time base, and what the log leaves open about them.
 
-A monitor names the signals it wants as templates (`speed/{robot}`) and hands over a
-function that judges one subject. `watch_pairs` calls it for every robot and human,
-`watch_subjects` for any list of subjects, such as `bodies_of` a kind. Signals come as
-whole columns on one time base, cut to the competition (`Watched`); what is missing, and
-every gap longer than the monitor accepts, is inconclusive before the judging starts.
-Flags and modes, which stay as they are until they change, come from `state_over`.
+Signals come as whole columns, cut to the competition (`Watched`); what is missing, and every
+gap longer than a monitor accepts, is inconclusive before the judging starts. Flags and modes,
+which stay as they are until they change, come from `state_over`.
 """
 
 from __future__ import annotations
@@ -13,33 +10,50 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score import (
-    Finding,
-    MissingSignalError,
-    Sample,
-    Signal,
-    Span,
-    Trial,
-    align,
-    sample_durations,
-    uncovered_spans,
-)
-from ariac_score_standards.parameters import TOLERANCE_S
+from ariac_score.checks.findings import Finding
+from ariac_score.errors import MissingSignalError
+from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Sample, Signal, align
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
 
-FloatArray: TypeAlias = NDArray[np.float64]
-BoolArray: TypeAlias = NDArray[np.bool_]
+__all__ = [
+    "ENVIRONMENT",
+    "OFF",
+    "ON",
+    "TOLERANCE_S",
+    "Signals",
+    "State",
+    "UndecidedError",
+    "Watched",
+    "first_of_runs",
+    "state_over",
+    "watch_subjects",
+    "watched_signals",
+]
 
 ENVIRONMENT = "environment"
 """Stands in a signal's name for everything that is no body."""
 
+TOLERANCE_S = 1e-9
+"""Times are sums of decimals in float64: 0.1 + 0.2 s after 0 s is 0.3 s, whatever the last bit says."""
 
-class Values(Protocol):
-    """The values of signals by template: columns of a whole trial (`Watched`), or numbers of one instant."""
+
+class UndecidedError(Exception):
+    """Raised by a monitor about a subject of whom the log leaves open what it needs; the text says what."""
+
+
+class Signals(Protocol):
+    """The values of signals by template: columns of a whole trial (`Watched`), or numbers of one instant.
+
+    Arithmetic, comparisons and functions of numpy serve both. A component of a vector is
+    `signals["position/{robot}"][..., 2]`, with the dots.
+    """
 
     def __getitem__(self, template: str, /) -> Any: ...
 
@@ -56,6 +70,8 @@ class Watched:
         units: Unit by signal name.
         names: Signal name by template.
         optional: The optional signals the log has, by template.
+        subject: Whose signals they are.
+        trial: Where they are from: its bodies and events.
     """
 
     t: FloatArray
@@ -65,6 +81,8 @@ class Watched:
     units: Mapping[str, str]
     names: Mapping[str, str] = field(default_factory=dict)
     optional: Mapping[str, Signal] = field(default_factory=dict)
+    subject: Subject = WHOLE_TRIAL
+    trial: Trial = field(default_factory=lambda: Trial(""))
     _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
@@ -81,6 +99,39 @@ class Watched:
         if template not in self._computed:
             self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
         return self._computed[template]
+
+    def known(self, template: str) -> FloatArray:
+        """The values of a signal, NaN where the log does not show them; of one it lacks everywhere."""
+        values = self.get(template)
+        return np.full(len(self), np.nan) if values is None else values
+
+    def state(self, flag: str, max_age_s: float) -> State | None:
+        """A flag of the subject over time; `None` when the log has none. See `state_over`."""
+        return state_over(self.trial, flag, self.subject.name, self.t, max_age_s=max_age_s)
+
+    def flag(self, flag: str, max_age_s: float) -> BoolArray:
+        """Where a flag of the subject is on, shape (n,).
+
+        Args:
+            flag: Quantity and event kind, such as `enabling_device`.
+            max_age_s: How long a sample holds at most, s.
+
+        Raises:
+            UndecidedError: It is not known at every sample.
+        """
+        state = self.state(flag, max_age_s)
+        if state is None:
+            raise UndecidedError(
+                f"the log has neither a signal '{flag}/{self.subject.name}' nor {flag!r} events"
+            )
+        if not state.known.all():
+            raise UndecidedError(f"{flag!r} is not known at {self.t[np.argmin(state.known)]:.3f} s")
+        return state.on
+
+    def radius_m(self, place: str) -> float:
+        """The radius of the subject's body at a placeholder of the templates, m."""
+        (radius_m,) = (body.radius_m for body in self.trial.bodies if body.id == self.subject.bodies[place])
+        return radius_m
 
     def hidden_by_gaps(self, template: str, due: BoolArray, within: Span | None = None) -> list[Span]:
         """The gaps of an optional signal in which a value is due; none where the log has no such signal.
@@ -99,18 +150,18 @@ class Watched:
         gaps = signal.gaps(within or Span(float(self.t[0]), self.end_s), max_gap_s=self.max_gap_s)
         return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
 
-    def hidden_findings(self, subject: str, template: str, due: BoolArray, clause: str) -> list[Finding]:
+    def hidden_findings(self, template: str, due: BoolArray, clause: str) -> list[Finding]:
         """What the gaps of an optional signal leave open, as findings."""
-        return [
-            Finding.inconclusive(
-                subject,
-                f"no samples of {self.optional[template].name!r} for {gap.duration_s:.3f} s, "
-                f"from {gap.start_s:.3f} s",
-                span=gap,
-                clause=clause,
-            )
-            for gap in self.hidden_by_gaps(template, due)
-        ]
+        of = f" of {self.optional[template].name!r}" if template in self.optional else ""
+        return [self._gap(gap, clause, of) for gap in self.hidden_by_gaps(template, due)]
+
+    def gap_findings(self, clause: str) -> list[Finding]:
+        """What the gaps leave open, as findings."""
+        return [self._gap(gap, clause) for gap in self.gaps]
+
+    def _gap(self, gap: Span, clause: str, of: str = "") -> Finding:
+        message = f"no samples{of} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+        return Finding.inconclusive(self.subject.name, message, span=gap, clause=clause)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -142,11 +193,17 @@ def _values_over(signal: Signal, t: FloatArray, max_gap_s: float) -> FloatArray:
     return values
 
 
+def _plain(value: FloatArray) -> float | tuple[float, ...]:
+    return float(value) if np.ndim(value) == 0 else tuple(float(v) for v in value)
+
+
 def watched_signals(
     signals: Sequence[Signal],
     max_gap_s: float,
-    window: Span | None,
-    names: Mapping[str, str],
+    trial: Trial,
+    subject: Subject = WHOLE_TRIAL,
+    *,
+    names: Mapping[str, str] | None = None,
     optional: Mapping[str, Signal] | None = None,
 ) -> Watched:
     """Signals as they are watched.
@@ -154,12 +211,13 @@ def watched_signals(
     Args:
         signals: At least one.
         max_gap_s: A sample stands for no longer than this, s.
-        window: The competition; `None`: all samples count, and there are no gaps.
+        trial: Whose window is the competition; without one all samples count, and there are no gaps.
+        subject: Whose signals they are.
         names: Signal name by template.
         optional: Further signals by template.
     """
     t, columns = align(signals, max_gap_s=max_gap_s)
-    inside, gaps = slice(None), []
+    inside, gaps, window = slice(None), [], trial.window
     if window is not None:
         inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
         # Only samples inside count: one after the end of the competition covers nothing before it.
@@ -170,79 +228,15 @@ def watched_signals(
         gaps,
         max_gap_s,
         {signal.name: signal.unit for signal in signals},
-        names,
+        names or {},
         optional or {},
+        subject,
+        trial,
     )
-
-
-def _plain(value: FloatArray) -> float | tuple[float, ...]:
-    return float(value) if np.ndim(value) == 0 else tuple(float(v) for v in value)
-
-
-@dataclass(frozen=True)
-class Subject:
-    """Whom a monitor judges.
-
-    Attributes:
-        name: Subject of the findings, such as `gantry/person_1`.
-        bodies: What to fill into the templates: body id by placeholder.
-    """
-
-    name: str
-    bodies: Mapping[str, str]
-
-    def fill(self, template: str) -> str:
-        """The signal name that a template stands for."""
-        return template.format(**self.bodies)
 
 
 Yielded = TypeVar("Yielded")
 """What a judge yields: findings, or what its monitor turns into findings."""
-
-
-def watch_pairs(
-    trial: Trial,
-    wanted: Mapping[str, str],
-    *,
-    max_gap_s: float,
-    clause: str,
-    judge: Callable[[str, Watched], Iterator[Yielded]],
-    optional: Mapping[str, str] | None = None,
-) -> Iterator[Finding | Yielded]:
-    """Judge every (robot, human) pair; what cannot be judged is inconclusive for each pair.
-
-    Args:
-        trial: The trial.
-        wanted: Unit by signal name, with `{robot}` and `{human}` to be filled in.
-        max_gap_s: Longest stretch without a sample that is accepted, s.
-        clause: Clause for the findings about what is missing.
-        judge: Findings about one pair, given its subject and its signals.
-        optional: Signals that help where the log has them.
-    """
-    yield from watch_subjects(
-        trial,
-        pairs_of(trial),
-        wanted,
-        max_gap_s=max_gap_s,
-        clause=clause,
-        judge=lambda subject, watched: judge(subject.name, watched),
-        optional=optional,
-        kinds=("robot", "human"),
-    )
-
-
-def pairs_of(trial: Trial, machine: str = "robot") -> list[Subject]:
-    """Every pair of a machine (`robot` or `agv`) and a human."""
-    return [
-        Subject(f"{a.id}/{h.id}", {machine: a.id, "human": h.id})
-        for a in trial.bodies_of(machine)
-        for h in trial.bodies_of("human")
-    ]
-
-
-def bodies_of(trial: Trial, kind: str) -> list[Subject]:
-    """Every body of a kind."""
-    return [Subject(body.id, {kind: body.id}) for body in trial.bodies_of(kind)]
 
 
 def watch_subjects(
@@ -252,9 +246,8 @@ def watch_subjects(
     *,
     max_gap_s: float,
     clause: str,
-    judge: Callable[[Subject, Watched], Iterator[Yielded]],
+    judge: Callable[[Watched], Iterable[Yielded]],
     optional: Mapping[str, str] | None = None,
-    kinds: tuple[str, ...] = ("robot",),
 ) -> Iterator[Finding | Yielded]:
     """Judge every subject; what cannot be judged is inconclusive.
 
@@ -266,20 +259,13 @@ def watch_subjects(
         clause: Clause for the findings about what is missing.
         judge: Findings about one subject.
         optional: Unit by signal template, of signals that help where the log has them.
-        kinds: Kinds of bodies that must be there for a subject to exist.
     """
-    all_subjects = list(subjects)
-    if not all_subjects:
-        yield nobody(trial, clause, kinds)
-    for subject in all_subjects:
-        names = {template: subject.fill(template) for template in wanted}
+    for subject in subjects:
         try:
-            signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
+            watched = _watched(trial, subject, wanted, optional or {}, max_gap_s)
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
             continue
-        helpful = _present(trial, subject, optional or {})
-        watched = watched_signals(signals, max_gap_s, trial.window, names, helpful)
         # A log with neither event is taken for a recording of the competition alone.
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
@@ -287,50 +273,34 @@ def watch_subjects(
                 f"the log does not show the {missing_end} of the competition, so part of it may be missing"
             )
             yield Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
-        for gap in watched.gaps:
-            message = f"no samples for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
-            yield Finding.inconclusive(subject.name, message, span=gap, clause=clause)
-        if len(watched):
-            yield from judge(subject, watched)
-
-
-def watched_subjects(
-    trial: Trial,
-    subjects: Iterable[Subject],
-    wanted: Mapping[str, str],
-    *,
-    max_gap_s: float,
-    optional: Mapping[str, str] | None = None,
-) -> Iterator[tuple[Subject, Watched]]:
-    """Every subject whose signals the log has, with the signals, for a chart."""
-    for subject in subjects:
-        names = {template: subject.fill(template) for template in wanted}
-        if not trial.signals.keys() >= set(names.values()):
+        yield from watched.gap_findings(clause)
+        if not len(watched):
             continue
-        signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
-        helpful = _present(trial, subject, optional or {})
-        watched = watched_signals(signals, max_gap_s, trial.window, names, helpful)
-        if len(watched):
-            yield subject, watched
+        try:
+            # To the end before anything is stated: half a judgement is none.
+            judged = list(judge(watched))
+        except UndecidedError as undecided:
+            yield Finding.inconclusive(subject.name, str(undecided), span=trial.window, clause=clause)
+        else:
+            yield from judged
 
 
-def nobody(trial: Trial, clause: str, kinds: tuple[str, ...] = ("robot", "human")) -> Finding:
-    """The finding when there is no subject to watch."""
-    missing = " and no ".join(kind for kind in kinds if not trial.bodies_of(kind))
-    if "bodies" in trial.witnessed:
-        return Finding.not_applicable(
-            "trial", f"the log records every body, and there is no {missing} among them", clause=clause
-        )
-    return Finding.inconclusive("trial", f"the log shows no {missing}", span=trial.window, clause=clause)
+def _watched(
+    trial: Trial, subject: Subject, wanted: Mapping[str, str], optional: Mapping[str, str], max_gap_s: float
+) -> Watched:
+    """The signals of a subject.
 
-
-def _present(trial: Trial, subject: Subject, optional: Mapping[str, str]) -> dict[str, Signal]:
-    found = {}
-    for template, unit in optional.items():
-        name = subject.fill(template)
-        if name in trial.signals:
-            found[template] = trial.signal(name, unit=unit)
-    return found
+    Raises:
+        MissingSignalError: The log lacks one that is wanted.
+    """
+    names = {template: subject.fill(template) for template in wanted}
+    signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
+    helpful = {
+        template: trial.signal(name, unit=unit)
+        for template, unit in optional.items()
+        if (name := subject.fill(template)) in trial.signals
+    }
+    return watched_signals(signals, max_gap_s, trial, subject, names=names, optional=helpful)
 
 
 # What stays as it is until it changes -------------------------------------------------------
@@ -387,20 +357,6 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     words = np.array([earlier, *(event.detail for event in events)])
     word = words[np.searchsorted(times, t, side="right")]
     return State(word == ON, (word == ON) | (word == OFF))
-
-
-def flag_over(
-    trial: Trial, subject: Subject, flag: str, max_age_s: float, watched: Watched, clause: str
-) -> BoolArray | Finding:
-    """A flag over time; or an inconclusive finding where it is not known throughout."""
-    state = state_over(trial, flag, subject.name, watched.t, max_age_s=max_age_s)
-    if state is not None and state.known.all():
-        return state.on
-    if state is None:
-        message = f"the log has neither a signal '{flag}/{subject.name}' nor {flag!r} events"
-    else:
-        message = f"{flag!r} is not known at {watched.t[np.argmin(state.known)]:.3f} s"
-    return Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
 
 
 def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[np.intp]:

@@ -1,0 +1,382 @@
+"""What the author of a monitor states, and what follows from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import numpy as np
+
+from ariac_score.checks.contracts import InstantVerdict, OnlineWatch, SignalNeed
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
+from ariac_score.checks.parameters import check_parameters
+from ariac_score.monitors.encounter import Encounter
+from ariac_score.monitors.limits import (
+    Bound,
+    Details,
+    Episode,
+    FindingRules,
+    JudgedLimit,
+    Statement,
+    limit_findings,
+    severity_measures,
+)
+from ariac_score.monitors.online import SubjectsOnline
+from ariac_score.monitors.subjects import Subject, Subjects, nobody
+from ariac_score.monitors.watched import Signals, UndecidedError, Watched, watch_subjects
+from ariac_score.trial.chart import Chart
+from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.vocabulary import quantity_of
+
+__all__ = ["LimitMonitor", "MarginMonitor", "Reach", "SubjectMonitor"]
+
+Value = TypeVar("Value")
+Adds: TypeAlias = Callable[[JudgedLimit, Episode | None], Mapping[str, Value]]
+"""What to add to a finding about an episode, or (`None`) about a subject without any."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Which samples the verdict on one sample rests on: what a live form must keep, and wait for.
+
+    Attributes:
+        back: `sample`: none before it; `neighbour`: the one before; `run`: all since a condition
+            began to hold, of which a live form carries the beginning only; `start`: all since
+            the trial began.
+        ahead: How many samples after it.
+        ahead_s: The samples of how much time after it, s; infinite: all.
+    """
+
+    back: Literal["sample", "neighbour", "run", "start"] = "sample"
+    ahead: int = 0
+    ahead_s: float = 0.0
+
+
+class SubjectMonitor:
+    """A monitor that judges each of its subjects on its signals.
+
+    A subclass is a frozen dataclass whose fields are its parameters. It states whom it is about, which
+    signals are wanted, and `about`; what is missing, and every gap, becomes a finding by itself.
+    What is stated as a property here may be a class attribute there.
+
+    Parameters of these names count where the class has them: `max_gap_s`, the longest stretch without a
+    sample that is accepted (0.05 s), `max_flag_age_s`, how long a flag holds (1 s); else the value in
+    brackets does.
+    """
+
+    max_gap_s: float = 0.05
+    max_flag_age_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    # What a monitor states ------------------------------------------------------------------------
+
+    @property
+    def subjects(self) -> Subjects:
+        """Whom it is about; by default the trial as a whole."""
+        return Subjects()
+
+    @property
+    def wanted(self) -> Mapping[str, str]:
+        """The signals it cannot do without: unit by template, such as `speed/{robot}`."""
+        return {}
+
+    @property
+    def optional(self) -> Mapping[str, str]:
+        """The signals that help where the log has them: unit by template."""
+        return {}
+
+    @property
+    def flags(self) -> Sequence[str]:
+        """The flags it reads, such as `manual_mode`."""
+        return ()
+
+    @property
+    def clause(self) -> str:
+        """Where the standard or rulebook asks for it."""
+        return ""
+
+    @property
+    def lacks(self) -> str:
+        """What its parameters leave out, so that nothing can be judged; empty: nothing."""
+        return ""
+
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Everything about one subject.
+
+        Raises:
+            UndecidedError: The log leaves open what is needed.
+        """
+        raise NotImplementedError
+
+    # What follows ---------------------------------------------------------------------------------
+
+    @property
+    def rules(self) -> FindingRules:
+        """How samples become findings."""
+        return FindingRules(self.clause)
+
+    @property
+    def _helpful(self) -> Mapping[str, str]:
+        """The signals that help and are not wanted anyway."""
+        return {name: unit for name, unit in self.optional.items() if name not in self.wanted}
+
+    def needs(self) -> Iterator[SignalNeed]:
+        """The signals it reads: those it cannot do without, its flags, and those that help."""
+        wanted = {quantity_of(name): unit for name, unit in self.wanted.items()}
+        for quantity, unit in wanted.items():
+            yield SignalNeed(quantity, unit, self.max_gap_s)
+        for flag in self.flags:
+            yield SignalNeed(flag, "1", self.max_flag_age_s)
+        for quantity, unit in {quantity_of(name): unit for name, unit in self._helpful.items()}.items():
+            if quantity not in wanted:
+                yield SignalNeed(quantity, unit, self.max_gap_s, optional=True)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Findings about every subject, and what is not known."""
+        return (one for one in self.statements(trial) if isinstance(one, Finding))
+
+    def statements(self, trial: Trial) -> Iterator[Statement]:
+        """All findings about a trial, and the limits they rest on."""
+        if self.lacks:
+            yield Finding.inconclusive("trial", self.lacks, span=trial.window, clause=self.rules.clause)
+            return
+        yield from self.judged(trial, self.subjects.of(trial.bodies), self.wanted)
+
+    def judged(
+        self, trial: Trial, subjects: Sequence[Subject], wanted: Mapping[str, str]
+    ) -> Iterator[Statement]:
+        """Everything about some subjects on the signals that are wanted of them; or that there are none."""
+        if not subjects:
+            yield nobody(trial, self.subjects.kinds, self.rules.clause)
+        yield from watch_subjects(
+            trial,
+            subjects,
+            wanted,
+            max_gap_s=self.max_gap_s,
+            clause=self.rules.clause,
+            judge=self.about,
+            optional=self._helpful,
+        )
+
+
+class LimitMonitor(SubjectMonitor):
+    """A monitor that holds a measured value against a limit at every sample.
+
+    Besides what every `SubjectMonitor` states it states `margin`; findings, episodes, severities, margins
+    over time and declared measures follow. Two more parameters count where the class has them: `t_on_s`,
+    the shortest violation that counts (0 s), and `t_off_s`, below which a pause is bridged (1 s).
+    """
+
+    # What a monitor states ------------------------------------------------------------------------
+
+    @property
+    def what(self) -> str:
+        """Name of what is measured, such as `speed`."""
+        return "margin"
+
+    @property
+    def unit(self) -> str:
+        """Unit of what is measured, and so of the margin."""
+        return "1"
+
+    @property
+    def idle(self) -> str:
+        """The message about a subject to whom the limit never applied."""
+        return "the limit never applied"
+
+    @property
+    def critical(self) -> bool:
+        """Whether a violation is a critical event."""
+        return False
+
+    @property
+    def encounter(self) -> Encounter | None:
+        """Given where it is about a machine and a person: who closed in and was exposed is then told."""
+        return None
+
+    @property
+    def severities(self) -> Mapping[str, Measure]:
+        """The quantities that `severity` adds, by name."""
+        return {}
+
+    @property
+    def reach(self) -> Reach:
+        """Which samples the verdict on one rests on."""
+        return Reach()
+
+    def margin(self, signals: Watched) -> FloatArray | Bound:
+        """The margin at every sample, shape (n,): negative where violated, NaN where nothing is asked for.
+
+        Rather as `at_most` or `at_least`, which also say what was measured against which limit: charts
+        then show both, and findings have the depth relative to the limit.
+
+        Raises:
+            UndecidedError: The log leaves open what is needed.
+        """
+        raise NotImplementedError
+
+    def severity(self, limit: JudgedLimit, episode: Episode | None) -> Mapping[str, float]:
+        """Further numbers about an episode, or (`None`) about a subject without any."""
+        del limit, episode
+        return {}
+
+    def labels(self, limit: JudgedLimit, episode: Episode | None) -> Mapping[str, str]:
+        """Further words about an episode, or (`None`) about a subject without any."""
+        del limit, episode
+        return {}
+
+    def message(self, limit: JudgedLimit, row: int, episode: Episode | None) -> str:
+        """What to say about an episode and its worst sample, or without one the closest; empty: the usual."""
+        del limit, row, episode
+        return ""
+
+    # What it can use ------------------------------------------------------------------------------
+
+    def at_most(
+        self,
+        actual: Any,
+        limit: Any,
+        *,
+        where: Any = None,
+        named: str = "",
+        what: str = "",
+        unit: str = "",
+        strict: bool = False,
+    ) -> Bound:
+        """A measured value that must not exceed a limit.
+
+        Args:
+            actual: What was measured, shape (n,).
+            limit: One number, or shape (n,); infinite where there is none.
+            where: Where it applies, shape (n,); `None`: everywhere.
+            named: Name under which the limit stands in the evidence; empty leaves it out.
+            what: Name of what is measured, where it is another than the monitor's.
+            unit: Of both, where it is another than the monitor's.
+            strict: Whether equality breaks the limit.
+        """
+        limits = limit if np.shape(limit) == np.shape(actual) else np.full_like(actual, limit)
+        return Bound(what or self.what, actual, limits, unit or self.unit, True, where, named, strict)
+
+    def at_least(self, actual: Any, limit: Any, **more: Any) -> Bound:
+        """A measured value that must not fall below a limit; arguments as of `at_most`."""
+        return replace(self.at_most(actual, limit, **more), at_most=False)
+
+    # What follows ---------------------------------------------------------------------------------
+
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """The quantities of its findings: severities, those of the encounter, and its own."""
+        told = {} if self.encounter is None else self.encounter.measures
+        return {**severity_measures(self.unit), **told, **self.severities}
+
+    @property
+    def rules(self) -> FindingRules:
+        """How samples become findings."""
+        t_on_s, t_off_s = getattr(self, "t_on_s", 0.0), getattr(self, "t_off_s", 1.0)
+        return FindingRules(self.clause, t_on_s, t_off_s, self.idle, self.critical)
+
+    @property
+    def _helpful(self) -> Mapping[str, str]:
+        met = {} if self.encounter is None else self.encounter.signals
+        helpful = {**self.optional, **met}
+        return {name: unit for name, unit in helpful.items() if name not in self.wanted}
+
+    def margins(self, trial: Trial) -> Iterator[Chart]:
+        """The measured value and its limit at every sample, for every subject and limit."""
+        return (one.chart for one in self.statements(trial) if isinstance(one, JudgedLimit))
+
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """The limit of one subject, and its findings; overridden where there is more than one limit."""
+        return self.findings(signals, self.bound(signals))
+
+    def bound(self, signals: Any) -> Bound:
+        """The margin as a measured value against its limit."""
+        found = self.margin(signals)
+        if isinstance(found, Bound):
+            return found
+        nothing = np.zeros_like(found)
+        return Bound(self.what, np.nan_to_num(found), nothing, self.unit, applies=~np.isnan(found))
+
+    def findings(
+        self,
+        signals: Watched,
+        bound: Bound,
+        *,
+        rules: FindingRules | None = None,
+        severity: Adds[float] | None = None,
+        labels: Adds[str] | None = None,
+    ) -> Iterator[Statement]:
+        """A limit of a subject and the findings about it, with everything that the monitor adds.
+
+        Args:
+            signals: Of the subject.
+            bound: The measured value, and its limit.
+            rules: How samples become findings; `None`: by the monitor's own rules.
+            severity: In place of the monitor's own `severity`.
+            labels: In place of the monitor's own `labels`.
+        """
+        limit, met = JudgedLimit(signals, bound), self.encounter
+        exposure = {} if met is None else met.exposure(signals)  # of the whole trial, so once
+        further, words = severity or self.severity, labels or self.labels
+
+        def describe(row: int, episode: Episode | None) -> Details:
+            closing = {} if met is None or episode is None else met.labels(signals, episode.rows)
+            return Details(
+                {**exposure, **further(limit, episode)},
+                {**closing, **words(limit, episode)},
+                self.message(limit, row, episode),
+            )
+
+        return limit_findings(limit, rules or self.rules, describe)
+
+
+class MarginMonitor(LimitMonitor):
+    """A monitor whose margin at a sample follows from the signals at that sample alone.
+
+    Besides what a `LimitMonitor` gives it can watch a trial while it goes on, and it charts what it
+    judged. `margin` is given columns of a whole trial or the numbers of one instant, so that one
+    statement serves both.
+    """
+
+    def margin(self, signals: Signals) -> FloatArray | Bound:
+        """As of a `LimitMonitor`, from the values of the signals alone."""
+        raise NotImplementedError
+
+    def instant(self, bound: Bound) -> str:
+        """What to say about one instant."""
+        if not bound.limited:
+            return self.idle
+        relation = "at most" if bound.at_most else "at least"
+        return f"{bound.what} {bound.actual:.3f} {bound.unit} ({relation} {bound.limit:.3f})"
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The measured value and its limit over time, for every subject that can be drawn."""
+        return self.margins(trial)
+
+    def begin(self, bodies: Sequence[Body] = ()) -> OnlineWatch:
+        """A watch that judges every instant as soon as all signals have reached it."""
+        return SubjectsOnline(
+            self.subjects,
+            [*self.wanted],
+            bodies,
+            max_gap_s=self.max_gap_s,
+            judge=self._verdict_at,
+            watch=self.watch,
+            lacks=self.lacks,
+        )
+
+    def _verdict_at(self, subject: str, t_s: float, now: Mapping[str, Any]) -> InstantVerdict:
+        """The verdict on one instant alone; whether it makes an episode is for the findings."""
+        try:
+            bound = self.bound(now)
+        except UndecidedError as undecided:
+            return InstantVerdict(subject, t_s, Verdict.INCONCLUSIVE, str(undecided))
+        if not bound.limited:
+            return InstantVerdict(subject, t_s, Verdict.NOT_APPLICABLE, self.instant(bound))
+        verdict = Verdict.VIOLATED if bound.broken else Verdict.SATISFIED
+        return InstantVerdict(subject, t_s, verdict, self.instant(bound), float(bound.margin), bound.unit)
