@@ -35,7 +35,7 @@ from ariac_score.scoring.attribution import (
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 from ariac_score.scoring.worlds import EARNED, KEPT, NOTHING, TAKEN
 
-__all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded"]
+__all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded", "taken_by"]
 
 _ROUNDING = "rounding"
 _MOST_LINES = 20_000
@@ -91,6 +91,12 @@ class Line(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
 
 Ledger = Line
 """The root line; its amount is the score."""
+
+
+def taken_by(ledger: Ledger | None) -> dict[str, Line]:
+    """The line of each finding that took something, or gave it in an unusual formula; none of former ledgers."""
+    lines = ledger.walk() if ledger is not None else ()
+    return {line.findings[0]: line for line in lines if line.kind == "taken" and len(line.findings) == 1}
 
 
 def rounded(value: Number, digits: int) -> Decimal:

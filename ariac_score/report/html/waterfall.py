@@ -15,6 +15,8 @@ __all__ = ["Step", "Waterfall", "waterfall_of"]
 MOST_STEPS = 24
 """The ledger is opened level by level until it would have more steps than this."""
 
+_SILENT = ("factor", "rounding", "cap", "neutral")
+"""Lines that no bar shows where their amount is 0."""
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
 
 
@@ -130,8 +132,14 @@ def _opened(ledger: Ledger) -> list[Line]:
 def _telling(line: Line) -> Sequence[Line]:
     """The parts of a line, without factors that change nothing; the line itself where these are findings."""
     # Single findings are links behind a step: as steps of their own they would hide what they add up to.
-    parts = [child for child in line.children if child.amount or child.kind not in ("factor", "rounding")]
-    if not parts or all(child.findings and not child.children for child in parts):
+    # What violations took is the exception, for there each of them is the step.
+    parts = [child for child in line.children if child.amount or child.kind not in _SILENT]
+    if line.path.endswith("/neutral"):
+        return []
+    if not parts or (
+        (line.kind != "sum" or not line.path.endswith("/taken"))
+        and all(child.findings and not child.children for child in parts)
+    ):
         return [line]
     return parts
 
