@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from ariac_score.trial.channels import KitMap, LogMap, TrayMatch
     from ariac_score.trial.chart import Chart
     from ariac_score.trial.clock import Clock
+    from ariac_score.trial.derive import DerivedSignal
     from ariac_score.trial.events import (
         ARM_COLLISION,
         COMPETITION_ENDED,
@@ -130,6 +131,7 @@ _MODULE_OF = {
     "Chart": "ariac_score.trial.chart",
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
+    "DerivedSignal": "ariac_score.trial.derive",
     "Entry": "ariac_score.ranking.evaluation",
     "Evaluation": "ariac_score.ranking.evaluation",
     "Event": "ariac_score.trial.events",
@@ -243,6 +245,7 @@ __all__ = [
     "Cohort",
     "DataFileError",
     "Decoder",
+    "DerivedSignal",
     "Entry",
     "Evaluation",
     "Event",

@@ -15,15 +15,18 @@ from typing import Any, Protocol, runtime_checkable
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.trial.channels import KitMap, LogMap
 from ariac_score.trial.chart import Chart
+from ariac_score.trial.derive import DerivedSignal
 from ariac_score.trial.events import Event
 from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, Kit, KitRecord, LogDefect, Order, Submission, Trial
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.vocabulary import Quantity
 
 __all__ = [
     "GROUPS",
     "OTHER_GROUPS",
+    "VALUE_GROUPS",
     "Charting",
     "Competition",
     "Decoder",
@@ -456,6 +459,12 @@ GROUPS: Mapping[str, type] = {
     "ariac_score.competitions": Competition,
 }
 """Entry-point groups of classes, and the contract of each."""
+
+VALUE_GROUPS: Mapping[str, type] = {
+    "ariac_score.quantities": Quantity,
+    "ariac_score.derived_signals": DerivedSignal,
+}
+"""Entry-point groups of values, and what each is."""
 
 OTHER_GROUPS = (
     "ariac_score.commands",

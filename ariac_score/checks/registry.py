@@ -118,6 +118,23 @@ class Plugin(Point):
                 hint="see ariac_score.checks.contracts for the methods it must have",
             )
 
+    def value(self) -> Any:
+        """What an entry point of a group of values names, such as a `Quantity`.
+
+        Raises:
+            PluginError: It cannot be imported, or is something else.
+        """
+        from ariac_score.checks.contracts import VALUE_GROUPS  # noqa: PLC0415  # as in `build`
+
+        value, wanted = self.load(), VALUE_GROUPS[self.group]
+        if not isinstance(value, wanted):
+            raise PluginError(
+                f"is a {type(value).__name__}, not a {wanted.__name__}",
+                origin=self.origin,
+                hint=f"let the entry point name a value: NAME = {wanted.__name__}(...)",
+            )
+        return value
+
     def _typed(self, kind: Any, parameters: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
         """The parameters with the types that the plugin declares."""
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -12,16 +12,17 @@ from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.registry import Plugin, Registry
-from ariac_score.engine.signal_needs import needs_of
-from ariac_score.errors import RuleSetError, ScoreError, did_you_mean
+from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
+from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
 from ariac_score.trial.model import Trial
-from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
+from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
 
 __all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
 
@@ -52,6 +53,7 @@ class Prepared:
         log_map: Its own, or the one to use instead.
         registry: The installed plugins.
         checks: By name, in the order of the rule set.
+        derivers: How plugins compute quantities that checks need, by quantity.
         competition: The competition that the rule set names; `None` when it names none.
     """
 
@@ -60,12 +62,20 @@ class Prepared:
     registry: Registry
     checks: Mapping[str, PreparedCheck]
     competition: PreparedCheck | None = None
+    derivers: Mapping[str, Deriver] = field(default_factory=dict)
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
-        """The plugins that take part whatever log is read: of its checks, its competition, its data."""
+        """The plugins that take part whatever log is read: of its checks, competition, data and signals."""
         named = [self.competition] if self.competition else []
-        return (*(each.plugin for each in (*self.checks.values(), *named)), *self._data_plugins)
+        declared = [
+            plugin
+            for quantity in sorted(self.sources - OUR_QUANTITIES.keys())
+            for plugin in self.registry.providers(QUANTITIES_GROUP, quantity)
+        ]
+        used = [each.plugin for each in (*self.checks.values(), *named)]
+        used += [deriver.plugin for deriver in self.derivers.values()]
+        return (*used, *declared, *self._data_plugins)
 
     @property
     def needs(self) -> tuple[SignalNeed, ...]:
@@ -76,6 +86,16 @@ class Prepared:
     def quantities(self) -> tuple[str, ...]:
         """The quantities its checks read."""
         return tuple(need.quantity for need in self.needs)
+
+    @property
+    def sources(self) -> frozenset[str]:
+        """The quantities a reader should decode: those that checks read, and what they follow from."""
+        return source_quantities(self.quantities, self.brought)
+
+    @property
+    def brought(self) -> Mapping[str, DerivedSignal]:
+        """How plugins compute quantities that checks need, by quantity."""
+        return {quantity: deriver.signal for quantity, deriver in self.derivers.items()}
 
     @property
     def derivations(self) -> tuple[Derivation, ...]:
@@ -105,7 +125,12 @@ class Prepared:
 
     def derived(self, trial: Trial) -> Trial:
         """The trial with the signals that its checks need and that can be derived from what it has."""
-        return derive_signals(trial, self.derivations, speed_window_s=self.log_map.speed_window_s)
+        return derive_signals(
+            trial,
+            self.derivations,
+            speed_window_s=self.log_map.speed_window_s,
+            brought=self.brought,
+        )
 
     def only(self, names: Iterable[str]) -> Prepared:
         """The same with only some of its checks."""
@@ -119,10 +144,10 @@ class Prepared:
         Raises:
             RuleSetError: Naming the check and the quantity.
         """
-        known = {**QUANTITIES, **self.log_map.quantities}
         for name, each in self.checks.items():
             for need in each.needs:
-                if need.quantity not in known:
+                if self._measured(need.quantity) is None:
+                    known = [*QUANTITIES, *self.log_map.quantities]
                     raise RuleSetError(
                         f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
                         file=self.rule_set.file,
@@ -131,16 +156,24 @@ class Prepared:
                         + "; declare it under 'quantities:' in the log map",
                     )
 
+    def _measured(self, quantity: str) -> Quantity | None:
+        """What a quantity is by the log map or by the vocabulary; `None` where neither has it."""
+        try:
+            return self.log_map.quantities.get(quantity) or QUANTITIES.get(quantity)
+        except PluginError as error:
+            error.file = error.file or self.rule_set.file
+            raise
+
     def refuse_other_units(self) -> None:
         """Refuse a monitor that reads a quantity in another unit than it is measured in.
 
         Raises:
             RuleSetError: Naming the check, its plugin and both units.
+            PluginError: What declares the quantity is broken, or two distributions contradict each other.
         """
-        known = {**QUANTITIES, **self.log_map.quantities}
         for name, each in self.checks.items():
             for need in each.needs:
-                measured = known.get(need.quantity)
+                measured = self._measured(need.quantity)
                 if measured is not None and measured.unit != need.unit:
                     raise RuleSetError(
                         f"check {name!r}: plugin {each.plugin.origin} reads {need.quantity!r} in "
@@ -178,7 +211,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
-    return prepared
+    return replace(prepared, derivers=derivers_of(prepared.quantities, registry))
 
 
 def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:

@@ -114,7 +114,7 @@ def _unknown_products(plugin: Plugin, trial: Trial, edition: int) -> tuple[LogDe
 
 def topics_read(prepared: Prepared) -> frozenset[str]:
     """The topics that a rule set reads from a recording, with and without leading slash."""
-    channels = prepared.log_map.channels_for(source_quantities(prepared.quantities))
+    channels = prepared.log_map.channels_for(prepared.sources)
     names = {channel.topic.lstrip("/") for channel in channels}
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
@@ -234,7 +234,7 @@ def read_needed(
         readers,
         prepared.log_map,
         prepared.registry,
-        quantities=prepared.quantities,
+        quantities=prepared.sources,
         progress=progress,
         jobs=jobs,
         orders=prepared.rule_set.about_orders if orders is None else orders,

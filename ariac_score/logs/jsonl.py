@@ -37,7 +37,16 @@ from ariac_score.trial.model import (
     WantedProduct,
 )
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
+from ariac_score.trial.vocabulary import (
+    ENVIRONMENT,
+    OUR_QUANTITIES,
+    QUANTITIES,
+    Quantity,
+    contradiction,
+    quantity_of,
+    subject_of,
+    subject_shape,
+)
 
 __all__ = ["FORMAT", "JsonLinesReader"]
 
@@ -121,7 +130,7 @@ class JsonLinesReader:
         """
         builder = TrialBuilder(path.stem, file=path, clock=_UNNAMED_CLOCK)
         columns = _Columns()
-        units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
+        units: dict[str, str] = {}
         size = max(path.stat().st_size, 1)
         low, high = math.inf, -math.inf
         for done, record in enumerate(_records(path)):
@@ -140,9 +149,8 @@ class JsonLinesReader:
                 wanted.progress(min(0.95, done * 80 / size))  # a record has about 80 bytes
         for name in sorted(columns.t):
             _check_bodies(path, name, builder.bodies)
-            builder.add_signal(
-                name, units[quantity_of(name)], np.array(columns.t[name]), np.array(columns.values[name])
-            )
+            unit = units.get(quantity_of(name)) or QUANTITIES[quantity_of(name)].unit
+            builder.add_signal(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
         if low <= high:
             builder.recorded = Span(low, high)
         return builder.build()
@@ -150,7 +158,7 @@ class JsonLinesReader:
 
 def _check_bodies(path: Path, signal: str, bodies: Mapping[str, Body]) -> None:
     """Refuse a signal of a body that no record declares: no monitor would look at it."""
-    for subject in subject_of(signal).split("/"):
+    for subject in subject_of(signal).split("/") if subject_of(signal) != ENVIRONMENT else ():
         body, _, link = subject.partition("::")
         if body not in bodies or (link and link not in bodies[body].links):
             raise LogError(
@@ -174,7 +182,7 @@ def _records(path: Path) -> Iterator[Record]:
         LogError: With the line, for the first that is wrong, or when the end is missing.
     """
     number, last = 0, ""
-    known = dict(QUANTITIES)
+    known = dict(OUR_QUANTITIES)
     try:
         with path.open("rb") as stream:
             # One byte beyond the limit shows that a line is too long, without reading all of it.
@@ -212,13 +220,14 @@ def _records(path: Path) -> Iterator[Record]:
 
 def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
     """The quantities a log declares; those of the vocabulary cannot be changed."""
-    taken = sorted(set(quantities) & set(QUANTITIES))
-    if taken:
-        raise _fault(path, number, f"quantity {taken[0]!r} has its meaning already", "choose another name")
-    return {
+    declared = {
         name: Quantity(q["unit"], q.get("components", 1), q["of"], q.get("meaning", ""))
         for name, q in quantities.items()
     }
+    for name, quantity in declared.items():
+        if words := contradiction(name, quantity):
+            raise _fault(path, number, words, "choose another name")
+    return declared
 
 
 _CUT = "record the trial again, or complete the log; a score must not rest on part of it"
@@ -285,12 +294,18 @@ def _check_sample(path: Path, number: int, record: Record, known: Mapping[str, Q
     if not _is_number(record["t_s"]) or abs(record["t_s"]) > MAX_TIME_S:
         raise _fault(path, number, f"t_s is {record['t_s']!r}", "times are numbers, s of trial time")
     for name, value in values.items():
-        quantity = known.get(quantity_of(name))
+        quantity = known.get(quantity_of(name)) or QUANTITIES.get(quantity_of(name))
         if quantity is None:
-            hint = did_you_mean(quantity_of(name), known, what="quantities")
+            hint = did_you_mean(quantity_of(name), [*known, *QUANTITIES], what="quantities")
             raise _fault(path, number, f"signal {name!r} measures nothing known", hint)
-        if name.count("/") != (2 if quantity.of == "pair" else 1) or "" in name.split("/"):
-            shape = "quantity/robot/human" if quantity.of == "pair" else "quantity/body"
+        subjects = subject_of(name).split("/")
+        of_environment = quantity.of == ENVIRONMENT
+        if (
+            len(subjects) != (2 if quantity.of == "pair" else 1)
+            or "" in subjects
+            or of_environment != (subjects == [ENVIRONMENT])
+        ):
+            shape = f"quantity/{subject_shape(quantity)}"
             raise _fault(path, number, f"signal {name!r} is not named {shape}", "name the bodies it is about")
         components = value if isinstance(value, list) else [value]
         if len(components) != quantity.components or not all(map(_is_number, components)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import ChainMap
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,14 @@ from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import LogMapError, PluginNotFoundError, did_you_mean
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
 from ariac_score.trial.model import Body
-from ariac_score.trial.vocabulary import QUANTITIES, Quantity, quantity_of, subject_of
+from ariac_score.trial.vocabulary import (
+    ENVIRONMENT,
+    QUANTITIES,
+    Quantity,
+    contradiction,
+    quantity_of,
+    subject_of,
+)
 
 __all__ = ["is_log_map_file", "load_log_map", "log_map_names", "stand_alone"]
 
@@ -161,19 +169,15 @@ def _parsed(document: YamlDocument) -> LogMap:
 
 def _quantities(document: YamlDocument) -> dict[str, Quantity]:
     """The quantities the map brings of its own; those of the vocabulary cannot be changed."""
-    declared = document.data.get("quantities", {})
-    taken = sorted(set(declared) & set(QUANTITIES))
-    if taken:
-        raise LogMapError(
-            f"quantity {taken[0]!r} has its meaning already",
-            file=document.file,
-            place=document.place(["quantities", taken[0]]),
-            hint="choose another name",
-        )
-    return {
+    declared = {
         name: Quantity(q["unit"], q.get("components", 1), q["of"], q.get("meaning", ""))
-        for name, q in declared.items()
+        for name, q in document.data.get("quantities", {}).items()
     }
+    for name, quantity in declared.items():
+        if words := contradiction(name, quantity):
+            place = document.place(["quantities", name])
+            raise LogMapError(words, file=document.file, place=place, hint="choose another name")
+    return declared
 
 
 def _kits(data: dict[str, Any]) -> KitMap:
@@ -241,11 +245,14 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
     )
 
 
+_NAMED = {"pair": "a robot and a human", "body": "one body", ENVIRONMENT: "the environment"}
+
+
 def _field_map(
     document: YamlDocument, index: int, name: str, fields: list[str], bodies: dict[str, Body]
 ) -> FieldMap:
     place = document.place(["channels", index, "signals", name])
-    quantities = {**QUANTITIES, **_quantities(document)}
+    quantities = ChainMap(_quantities(document), QUANTITIES)  # type: ignore[arg-type]  # it only reads
     quantity = quantities.get(quantity_of(name))
     if quantity is None:
         raise LogMapError(
@@ -256,15 +263,16 @@ def _field_map(
         )
     subjects = subject_of(name).split("/")
     # A signal of an undeclared body would be read, and no monitor would ever look at it.
-    unknown = [s for s in subjects if s not in bodies]
+    known = [ENVIRONMENT] if quantity.of == ENVIRONMENT else bodies
+    unknown = [s for s in subjects if s not in known]
     kinds = [bodies[s].kind for s in subjects if s in bodies]
     wrong_pair = quantity.of == "pair" and kinds != ["robot", "human"]
     if unknown or wrong_pair or len(subjects) != (2 if quantity.of == "pair" else 1):
         raise LogMapError(
-            f"signal {name!r} does not name {'a robot and a human' if quantity.of == 'pair' else 'one body'}",
+            f"signal {name!r} does not name {_NAMED[quantity.of]}",
             file=document.file,
             place=place,
-            hint=did_you_mean(unknown[0] if unknown else name, bodies, what="bodies of this log map"),
+            hint=did_you_mean(unknown[0] if unknown else name, known, what="bodies of this log map"),
         )
     if len(fields) != quantity.components:
         raise LogMapError(

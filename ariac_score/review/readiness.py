@@ -149,7 +149,7 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
     if not needs:
         topics = [channel.topic for channel in log_map.channels if channel.decoder]
         return _words(topics, recorded, "its orders and submissions come from")
-    wanted = source_quantities(need.quantity for need in needs)
+    wanted = source_quantities((need.quantity for need in needs), prepared.brought)
     topics = [channel.topic for channel in log_map.channels if _gives(channel, wanted)]
     signals = ", ".join(sorted({need.quantity for need in needs}))
     # The strictest need: a topic that meets it meets the others.

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 
-from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS
+from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS, VALUE_GROUPS
 from ariac_score.checks.registry import FILE_GROUPS, DataFile, Plugin, Registry, package_sha256
+from ariac_score.engine.signal_needs import DERIVED, deriver_of
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
 from ariac_score.installed.points import unreadable_distributions
 from ariac_score.logs.logmap import load_log_map
@@ -18,6 +19,7 @@ from ariac_score.scoring.penalties import load_penalty
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing.contract_check import built_by_name, undocumented
 from ariac_score.testing.pages import example_parameters
+from ariac_score.trial.vocabulary import OUR_QUANTITIES, Quantity, contradiction
 
 __all__ = ["Ailment", "ailments"]
 
@@ -68,7 +70,26 @@ def ailments() -> list[Ailment]:
     for group in FILE_GROUPS:
         for plugin in registry.all(group):
             found += (Ailment(plugin.origin, *problem) for problem in _of_files(registry, plugin))
+    for group in VALUE_GROUPS:
+        for plugin in registry.all(group):
+            found += (Ailment(plugin.origin, *problem) for problem in _of_value(registry, plugin))
     return found
+
+
+def _of_value(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
+    """What is wrong with a value that an entry point brings."""
+    try:
+        value = plugin.value()
+        if isinstance(value, Quantity):
+            words = contradiction(plugin.name, value)
+            if words and value != OUR_QUANTITIES.get(plugin.name):
+                yield words, "declare a quantity under another name"
+        else:  # two distributions may declare the same quantity, and nothing else
+            registry.find(plugin.group, plugin.name)
+        if plugin.group == DERIVED:
+            deriver_of(plugin.name, registry)
+    except PluginError as error:
+        yield error.fault, error.hint
 
 
 def _of_files(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
@@ -109,7 +130,7 @@ _LOADERS: Mapping[str, Callable[[DataFile, Registry], str]] = {
 
 def _unknown_groups(registry: Registry) -> Iterator[Ailment]:
     """Plugins that nothing uses: their group is misspelt, or of another version."""
-    known = [*GROUPS, *OTHER_GROUPS, *FILE_GROUPS]
+    known = [*GROUPS, *OTHER_GROUPS, *FILE_GROUPS, *VALUE_GROUPS]
     for group in registry.groups():
         for plugin in registry.all(group) if group not in known else ():
             yield Ailment(

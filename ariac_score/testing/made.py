@@ -7,10 +7,12 @@ except those of the example trial, which it contains.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from ariac_score.errors import PluginError
 from ariac_score.testing.trials import kitting_trial
 from ariac_score.trial.events import ARM_COLLISION, PART_DROPPED, Event
 from ariac_score.trial.model import (
@@ -30,7 +32,7 @@ from ariac_score.trial.model import (
 )
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.vocabulary import QUANTITIES, Quantity
+from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity
 
 __all__ = ["made_trial"]
 
@@ -86,10 +88,19 @@ def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
     return replace(trial, signals=dict(sorted({**made, **example.signals}.items())))
 
 
+def _usable() -> Iterator[tuple[str, Quantity]]:
+    """The quantities, less those whose distributions are broken or contradict each other."""
+    for name in QUANTITIES:
+        with suppress(PluginError):
+            yield name, QUANTITIES[name]
+
+
 def _names(trial: Trial) -> Iterator[tuple[str, Quantity]]:
     """Every signal that the vocabulary allows for these bodies."""
-    for name, quantity in QUANTITIES.items():
-        if quantity.of == "body":
+    for name, quantity in _usable():
+        if quantity.of == ENVIRONMENT:
+            points: list[str] = [ENVIRONMENT]
+        elif quantity.of == "body":
             points = [p for b in trial.bodies for p in (b.id, *(f"{b.id}::{link}" for link in b.links))]
         elif quantity.any_bodies:
             points = [f"{a.id}/{b.id}" for a, b in trial.body_pairs()]

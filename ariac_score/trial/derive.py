@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from string import Formatter
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,12 +20,13 @@ from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal, common_times, sealed
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
-from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, quantity_of
 
 __all__ = [
     "SOURCES",
     "TELEPORT_SPEED_M_S",
     "Derivation",
+    "DerivedSignal",
     "centred_velocity",
     "derive_signals",
     "nearest_distances",
@@ -56,11 +59,71 @@ SOURCES: Mapping[str, tuple[str, ...]] = {
 """Which quantities each one can be derived from."""
 
 
-def source_quantities(wanted: Iterable[str]) -> frozenset[str]:
-    """The quantities a reader should decode so that the wanted ones can be had."""
-    closure = set(wanted)
-    for quantity in tuple(closure):
-        closure.update(SOURCES.get(quantity, ()))
+@dataclass(frozen=True)
+class DerivedSignal:
+    """How a quantity follows from others: entry-point group `ariac_score.derived_signals`.
+
+    The entry point has the name of the quantity, which is one of the vocabulary.
+
+    Attributes:
+        needs: The signals it is computed from, by the name of the argument that takes their values, such as
+            `{"here": "position/{body}"}`. `{body}` stands for the body of the quantity, `{first}` and
+            `{second}` for those of its pair; a name without braces is taken as it is.
+        compute: Takes `t`, the times that all of them have, shape (n,), s, and their values there, each of
+            shape (n,) or (n, k); gives the values of the quantity, NaN where it has none. It is pure:
+            the same numbers, the same answer.
+
+    Raises:
+        ValueError: A need is no name of a signal.
+
+    >>> height = DerivedSignal({"p": "position/{body}"}, lambda t, p: p[:, 2])
+    >>> height.quantities
+    ('position',)
+    """
+
+    needs: Mapping[str, str]
+    compute: Callable[..., FloatArray]
+
+    def __post_init__(self) -> None:
+        for name, template in self.needs.items():
+            if not all(template.partition("/")) or self._fields(template) - {"body", "first", "second"}:
+                raise ValueError(f"need {name!r} is {template!r}, not such as 'position/{{body}}'")
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities it is computed from."""
+        return tuple(dict.fromkeys(quantity_of(template) for template in self.needs.values()))
+
+    @property
+    def placeholders(self) -> frozenset[str]:
+        """What its needs name in braces."""
+        return frozenset(field for template in self.needs.values() for field in self._fields(template))
+
+    @staticmethod
+    def _fields(template: str) -> set[str]:
+        return {field for _, field, _, _ in Formatter().parse(template) if field is not None}
+
+
+NOTHING_BROUGHT: Mapping[str, DerivedSignal] = MappingProxyType({})
+
+
+def source_quantities(
+    wanted: Iterable[str], brought: Mapping[str, DerivedSignal] = NOTHING_BROUGHT
+) -> frozenset[str]:
+    """The quantities a reader should decode so that the wanted ones can be had.
+
+    Args:
+        wanted: By name.
+        brought: How plugins compute further quantities.
+    """
+    closure: set[str] = set()
+    todo = list(wanted)
+    while todo:
+        quantity = todo.pop()
+        if quantity not in closure:
+            closure.add(quantity)
+            todo += SOURCES.get(quantity, ())
+            todo += brought[quantity].quantities if quantity in brought else ()
     return frozenset(closure)
 
 
@@ -210,13 +273,20 @@ def nearest_distances(
     return np.sqrt(nearest)
 
 
-def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s: float = 0.0) -> Trial:
+def derive_signals(
+    trial: Trial,
+    wanted: Iterable[Derivation],
+    *,
+    speed_window_s: float = 0.0,
+    brought: Mapping[str, DerivedSignal] = NOTHING_BROUGHT,
+) -> Trial:
     """The trial with every wanted signal that can be derived from what it records.
 
     Args:
         trial: As read.
         wanted: What monitors need; a quantity wanted twice takes the shorter gap.
         speed_window_s: Half width of the centred difference, s; 0 means two samples.
+        brought: How plugins compute further quantities; ours count where both know one.
 
     Returns:
         A new trial. A signal that cannot be derived is absent, which makes its monitor
@@ -228,9 +298,9 @@ def derive_signals(trial: Trial, wanted: Iterable[Derivation], *, speed_window_s
     shortest: dict[str, float] = {}
     for quantity, gap_s in gaps.items():
         # A source derived across a longer gap than its target allows would fill the target's gaps.
-        for source in source_quantities([quantity]):
+        for source in source_quantities([quantity], brought):
             shortest[source] = min(gap_s, shortest.get(source, np.inf))
-    deriver = _Deriver(trial, speed_window_s, shortest)
+    deriver = _Deriver(trial, speed_window_s, shortest, brought)
     for quantity in sorted(gaps):
         for subject in _subjects(trial, quantity):
             deriver.get(f"{quantity}/{subject}", gaps[quantity])
@@ -244,7 +314,9 @@ def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
     known = QUANTITIES.get(quantity)
     if known is None:
         return
-    if known.any_bodies:
+    if known.of == ENVIRONMENT:
+        yield ENVIRONMENT
+    elif known.any_bodies:
         yield from (f"{a.id}/{b.id}" for a, b in trial.body_pairs())
     elif known.of == "pair":
         yield from (f"{robot.id}/{human.id}" for robot, human in trial.pairs())
@@ -255,11 +327,19 @@ def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
 class _Deriver:
     """Finds or derives one signal after the other; values of derived ones are computed on first access."""
 
-    def __init__(self, trial: Trial, speed_window_s: float, shortest_gaps_s: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        trial: Trial,
+        speed_window_s: float,
+        shortest_gaps_s: Mapping[str, float],
+        brought: Mapping[str, DerivedSignal],
+    ) -> None:
         self.bodies = {body.id: body for body in trial.bodies}
         self.signals: dict[str, Signal] = dict(trial.signals)
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
+        self.brought = brought
+        self._underway: set[str] = set()
         self.defects: set[LogDefect] = set()
         self._nearest_of: dict[tuple[str, float, int], tuple[_Nearest, int]] = {}
         self._closest_of: dict[tuple[str, float], _Closest | None] = {}
@@ -286,13 +366,34 @@ class _Deriver:
             "body_separation": self._separation,
             "tcp_speed": self._tcp_speed,
         }.get(quantity)
-        made = derive(subject, max_gap_s) if derive else None
+        made = derive(subject, max_gap_s) if derive else self._by_plugin(name, max_gap_s)
         if made is None or not len(made[0]):
             return None
         t, values = made
         # Kept under its name: velocities are the sources of speeds and approaches alike.
         self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values)
         return self.signals[name]
+
+    def _by_plugin(self, name: str, max_gap_s: float) -> _Made | None:
+        """A signal as a plugin computes it, without the times at which it has no value."""
+        quantity, _, subject = name.partition("/")
+        if quantity not in self.brought or name in self._underway:  # two may each follow from the other
+            return None
+        derived = self.brought[quantity]
+        first, _, second = subject.partition("/")
+        self._underway.add(name)
+        found = {
+            argument: self.get(template.format(body=subject, first=first, second=second), max_gap_s)
+            for argument, template in derived.needs.items()
+        }
+        self._underway.remove(name)
+        signals = {argument: signal for argument, signal in found.items() if signal is not None}
+        if len(signals) < len(found):
+            return None
+        t = common_times(list(signals.values()), max_gap_s=max_gap_s)
+        values = derived.compute(t, **{argument: signal.at(t) for argument, signal in signals.items()})
+        known = np.isfinite(values).reshape(len(t), -1).all(axis=1)
+        return t[known], lambda: values[known]
 
     def _velocity(self, point: str, max_gap_s: float) -> _Made | None:
         position = self.signals.get(f"position/{point}")

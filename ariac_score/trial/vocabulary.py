@@ -3,16 +3,42 @@
 A signal is named `quantity/subject`. The subject is a body (`gantry`), a link of
 one (`gantry::torso`), or a robot and a human (`gantry/person_1`). A few quantities
 belong to any two bodies (`agv1/person_1`, `gantry/kitting`), or to one body and
-`environment`. Flags are 1 or 0.
+`environment`; one of the `environment` is about no body, such as `friction/environment`.
+Flags are 1 or 0.
+
+Distributions declare further quantities by entry point, each a `Quantity` under its name in the group
+`ariac_score.quantities`.
 """
 
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
-__all__ = ["QUANTITIES", "Quantity", "quantity_of", "subject_of"]
+from ariac_score.errors import PluginConflictError, PluginError
+from ariac_score.installed.points import Point, installed_points
+
+__all__ = [
+    "ENVIRONMENT",
+    "GROUP",
+    "OUR_QUANTITIES",
+    "QUANTITIES",
+    "Quantity",
+    "contradiction",
+    "quantity_of",
+    "quantity_points",
+    "subject_of",
+    "subject_shape",
+]
+
+GROUP = "ariac_score.quantities"
+
+ENVIRONMENT = "environment"
+"""The subject of signals that are about no body."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +48,7 @@ class Quantity:
     Attributes:
         unit: SI unit.
         components: Columns of its values; 1 means shape (n,).
-        of: Whether it belongs to one body or to a (robot, human) pair.
+        of: Whether it belongs to one body, to a (robot, human) pair, or to the environment.
         meaning: One sentence.
         at_least: The least value it can have; a smaller one is a fault of the recorder.
         any_bodies: Whether its pairs may be any two bodies, not only a robot and a human.
@@ -30,13 +56,13 @@ class Quantity:
 
     unit: str
     components: int
-    of: Literal["body", "pair"]
+    of: Literal["body", "pair", "environment"]
     meaning: str
     at_least: float = -math.inf
     any_bodies: bool = False
 
 
-QUANTITIES = {
+OUR_QUANTITIES = {
     "position": Quantity("m", 3, "body", "place of the body's (or link's) origin in the world frame"),
     # `at_least` only where less is impossible: `settle` drops what is below as a fault of the recorder.
     "velocity": Quantity("m/s", 3, "body", "velocity of that origin in the world frame"),
@@ -77,6 +103,97 @@ QUANTITIES = {
         "1", 1, "body", "1 while a vehicle's detection of persons covers its direction of travel, else 0", 0.0
     ),
 }
+
+
+class _Vocabulary(Mapping[str, Quantity]):
+    """The quantities by name: ours, then those that distributions declare, imported when they are named."""
+
+    def __getitem__(self, name: str) -> Quantity:
+        """The quantity of that name.
+
+        Raises:
+            KeyError: Nobody declares it.
+            PluginError: What declares it cannot be imported, or is no `Quantity`.
+            PluginConflictError: Two distributions declare it differently.
+        """
+        ours = OUR_QUANTITIES.get(name)
+        return ours if ours is not None else _declared(name, tuple(sys.path))
+
+    def __iter__(self) -> Iterator[str]:
+        yield from OUR_QUANTITIES
+        yield from sorted({point.name for point in _points(tuple(sys.path))} - OUR_QUANTITIES.keys())
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+QUANTITIES: Mapping[str, Quantity] = _Vocabulary()
+"""Every well-known quantity by name; what distributions declare is imported when it is asked for."""
+
+
+# By `sys.path`: what is installed does not change while that stays the same.
+@lru_cache(maxsize=4)
+def _points(_path: tuple[str, ...]) -> tuple[Point, ...]:
+    return tuple(point for point in installed_points() if point.group == GROUP)
+
+
+def quantity_points(name: str) -> tuple[Point, ...]:
+    """Who declares a quantity: none for one of ours, several where distributions agree or contradict."""
+    return tuple(point for point in _points(tuple(sys.path)) if point.name == name)
+
+
+@lru_cache(maxsize=256)
+def _declared(name: str, _path: tuple[str, ...]) -> Quantity:
+    declared = {point: _quantity(point) for point in quantity_points(name)}
+    if not declared:
+        raise KeyError(name)
+    # The same numbers under the same name are no conflict, whoever else declares them.
+    if len({(q.unit, q.components, q.of) for q in declared.values()}) > 1:
+        both = " and ".join(
+            f"{point.distribution} {point.version} in {q.unit!r} ({q.components} of {q.of})"
+            for point, q in declared.items()
+        )
+        raise PluginConflictError(
+            f"the quantity {name!r} is declared by {both}",
+            hint="uninstall one: a number cannot be read in two units",
+        )
+    return next(iter(declared.values()))
+
+
+def _quantity(point: Point) -> Quantity:
+    found = point.load()
+    if not isinstance(found, Quantity):
+        raise PluginError(
+            f"is a {type(found).__name__}, not a Quantity",
+            origin=point.origin,
+            hint="let the entry point name a value: NAME = Quantity(unit, components, of, meaning)",
+        )
+    return found
+
+
+def contradiction(name: str, own: Quantity) -> str:
+    """Why a log or log map cannot declare a quantity of its own as it does; empty where it can.
+
+    >>> contradiction("speed", Quantity("m/s", 1, "body", "the same"))
+    "quantity 'speed' has its meaning already"
+    """
+    known = QUANTITIES.get(name)
+    if name in OUR_QUANTITIES:
+        return f"quantity {name!r} has its meaning already"
+    if known is None or (known.unit, known.components, known.of) == (own.unit, own.components, own.of):
+        return ""
+    (first, *_) = quantity_points(name)
+    whose = f"{first.distribution} {first.version} declares it in {known.unit!r}"
+    return f"quantity {name!r} has its meaning already: {whose} ({known.components} of {known.of})"
+
+
+def subject_shape(quantity: Quantity) -> str:
+    """How the subject of its signals is written, in words.
+
+    >>> subject_shape(QUANTITIES["separation"]), subject_shape(Quantity("K", 1, "environment", "heat"))
+    ('robot/human', 'environment')
+    """
+    return {"pair": "robot/human", "body": "body", "environment": ENVIRONMENT}[quantity.of]
 
 
 def quantity_of(signal: str) -> str:
