@@ -177,7 +177,7 @@ def _ledger_line(line: Line, style: Style, depth: int) -> str:
 def _beside(line: Line) -> str:
     """What else there is to say of an amount: the rule's price, or why it is 0."""
     words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
-    words += [line.reason] if line.reason and not (line.kind == "cap") else []
+    words += [line.reason] if line.reason and line.kind != "cap" else []
     return f"  ({'; '.join(map(plain, words))})" if words else ""
 
 

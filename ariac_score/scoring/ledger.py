@@ -94,7 +94,7 @@ Ledger = Line
 
 
 def taken_by(ledger: Ledger | None) -> dict[str, Line]:
-    """The line of each finding that took something, or gave it in an unusual formula; none of former ledgers."""
+    """The line of each finding that took something; a ledger of the former method has none."""
     lines = ledger.walk() if ledger is not None else ()
     return {line.findings[0]: line for line in lines if line.kind == "taken" and len(line.findings) == 1}
 

@@ -108,10 +108,13 @@ def told(result: Result) -> list[Line]:
     lines: list[Line] = []
     for line in ledger.children or (ledger,):
         opened = line.children if line.path.endswith(("/earned", "/taken")) else (line,)
-        lines += [
-            one for one in opened or (line,) if one.amount or one.kind not in ("factor", "neutral", "cap")
-        ]
-    return [line for line in lines if not line.path.endswith("/neutral")]
+        lines += opened or (line,)
+    silent = ("factor", "neutral", "cap")
+    return [
+        line
+        for line in lines
+        if (line.amount or line.kind not in silent) and not line.path.endswith("/neutral")
+    ]
 
 
 def unrecorded(result: Result) -> list[str]:
