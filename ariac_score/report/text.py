@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
 
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
+from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import Adjusted
@@ -214,7 +216,9 @@ def _costs(result: Result) -> dict[str, str]:
         key: f" ({amount_text(line.amount, sign=True)})" for key, line in taken_by(result.ledger).items()
     }
     if not result.is_former:
-        return costs
+        lines = result.ledger.walk() if result.ledger else ()
+        why = {key: f" (0: {plain(line.reason)})" for line in lines if line.reason for key in line.findings}
+        return why | costs
     for line in result.ledger.walk() if result.ledger else ():
         if line.kind == "factor" and line.amount < 0:
             for key in line.findings:
@@ -314,11 +318,13 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     adjusted = result.adjusted.ledger if result.adjusted else None
     if adjusted is not None:
         for line in _matching(adjusted, path) if path else [adjusted]:
-            lines += [*_explained(line, result, style, 0), ""]
+            lines += [*_explained(line, _Explained(result), style, 0), ""]
     if result.ledger is not None:
         matching = [result.ledger] if not path else _matching(result.ledger, path)
+        shown = [key for line in matching for key in taken_by(line)]
+        explained = _Explained(result, without_alone(result, shown))
         for line in matching:
-            lines += [style(plain(line.path), "bold"), *_explained(line, result, style, 1), ""]
+            lines += [style(plain(line.path), "bold"), *_explained(line, explained, style, 1), ""]
         if matching and not path:
             return "\n".join(lines)
     for key, finding in result.measured.findings.items():
@@ -347,19 +353,31 @@ def _below(line: Line, other: Line) -> bool:
     return line.path.startswith(f"{other.path}/")
 
 
-def _explained(line: Line, result: Result, style: Style, depth: int) -> Iterator[str]:
+@dataclass(frozen=True)
+class _Explained:
+    """A result, and for findings the score as it would be without each of them alone."""
+
+    result: Result
+    alone: Mapping[str, Decimal] = field(default_factory=dict)
+
+
+def _explained(line: Line, of: _Explained, style: Style, depth: int) -> Iterator[str]:
     yield _ledger_line(line, style, depth)
+    if line.kind == "taken" and len(line.findings) == 1 and line.findings[0] in of.alone:
+        score = of.alone[line.findings[0]]
+        gain = amount_text(score - (of.result.score or Decimal(0)), sign=True)
+        yield style(f"{'  ' * (depth + 1)}without it alone: {amount_text(score)} ({gain})", "cyan")
     if line.children and line.trace is not None:
         yield from _traced(line.trace, style, depth + 1)
     for child in line.children:
-        yield from _explained(child, result, style, depth + 1)
+        yield from _explained(child, of, style, depth + 1)
     if line.kind == "neutral" and depth > 1:
         yield style(f"{'  ' * (depth + 1)}{', '.join(line.findings)}", "dim")
     elif not line.children:
         if line.trace is not None and line.trace.children:
             yield from _traced(line.trace, style, depth + 1)
         for key in line.findings:
-            yield from _finding_lines(key, result.measured.findings[key], style, depth + 1)
+            yield from _finding_lines(key, of.result.measured.findings[key], style, depth + 1)
 
 
 def _traced(traced: Traced, style: Style, depth: int) -> Iterator[str]:

@@ -238,7 +238,7 @@ class _Pieces:
             piece.subject, piece.reason = piece.subject or only.subject, only.reason
         elif not content:
             return None
-        inner = node.children[0] if isinstance(node, Named) else node
+        inner = _unnamed(node)
         if isinstance(inner, Product | Choice | Extreme | Function):
             piece.trace = _stated(node)
         return piece
@@ -446,7 +446,7 @@ class _Pieces:
 
 _WHY = {
     Verdict.SATISFIED: "kept",
-    Verdict.VIOLATED: "violated: it earned nothing",
+    Verdict.VIOLATED: "it earned nothing",
     Verdict.INCONCLUSIVE: "undecided",
     Verdict.NOT_APPLICABLE: "not applicable",
 }
@@ -457,6 +457,13 @@ _CANCELLED = "what it brought and what it took cancel out"
 
 def _subject(node: Node) -> str:
     return node.subject if isinstance(node, Named) else ""
+
+
+def _unnamed(node: Node) -> Node:
+    """The formula behind a name."""
+    while isinstance(node, Named):
+        node = node.children[0]
+    return node
 
 
 def _nodes(root: Node) -> list[Node]:
@@ -483,13 +490,13 @@ def _natural(key: str) -> tuple[str, int]:
 
 def _stated(node: Node) -> Traced | None:
     """The numbers that a line was made of, one level deep."""
-    inner = node.children[0] if isinstance(node, Named) else node
+    inner = _unnamed(node)
     children = []
     for child in inner.children:
         if not isinstance(child, Given) or child.of_trial or child.of_cohort:
             value = child.numbers[-1]
             if isinstance(value, int | float):
-                children.append(Traced(child.label, _settled(value), "number"))
+                children.append(Traced(child.label, _settled(value), "term"))
     value = node.numbers[-1]
     return Traced(inner.label, _settled(value), "op", children=tuple(children))
 

@@ -295,7 +295,7 @@ def _leaf(
     }
     total = sum(changes.values(), start=Fraction(0))
     # Shares are added up as decimals here and in float64 for the score.
-    if abs(total - (value - start)) <= Fraction(1 + abs(value)) / 10**9:
+    if abs(total - Fraction(value) + start) <= (1 + abs(Fraction(value))) / 10**9:
         value = start + total
     elif changes:
         changes = {key: Fraction(value - start) / len(changes) for key in changes}
