@@ -588,10 +588,12 @@ def reconcile(ledger: Ledger, score: Decimal, *, digits: int) -> None:
                 raise ResultError(
                     f"its lines add up to {total}, not {line.amount}", place=line.path, hint=_FORGED
                 )
-        # A line is off by half a unit at most; a factor, being a difference, by a whole one.
+        # A line is off by half a unit at most, in ledgers of the former method by a whole one; and a score
+        # is computed in float64, which of large numbers no longer knows so many digits.
         rounding = sum((abs(c.amount) for c in line.children if c.kind == _ROUNDING), Decimal(0))
-        if rounding > unit * (len(line.children) + 1):
+        if rounding > unit * (len(line.children) + 1) + abs(line.amount) * _FLOAT64:
             raise ResultError(f"rounding cannot move {rounding}", place=line.path, hint=_FORGED)
 
 
+_FLOAT64 = Decimal(2) ** -48
 _FORGED = "the result was edited or damaged: score the trial again"
