@@ -15,7 +15,8 @@ import pytest
 import yaml
 
 from ariac_score.cli import main
-from ariac_score.cli.outcome import FORMATS
+from ariac_score.cli.outcome import OWN_FORMATS
+from ariac_score.report.exports import export_names
 from ariac_score.results.adjustments import load_adjustments
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
@@ -149,7 +150,7 @@ def test_the_decisions_of_their_page_do_what_it_says(
 def test_the_page_lists_every_format() -> None:
     page = _page("outputs.md")
 
-    for name in FORMATS:
+    for name in (*OWN_FORMATS, *export_names()):
         assert re.search(rf"^\| `{name}` \|", page, re.MULTILINE)
 
 

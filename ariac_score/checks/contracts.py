@@ -44,6 +44,7 @@ __all__ = [
     "OnlineWatch",
     "Reader",
     "ReaderFacts",
+    "ReportPanel",
     "Resolving",
     "Rule",
     "SignalNeed",
@@ -450,6 +451,27 @@ class Reader(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class ReportPanel:
+    """A part of the page of a trial: entry-point group `ariac_score.report_panels`.
+
+    It is asked for results that its distribution took part in: whose rules, log map, reader or checks it
+    brings.
+
+    Attributes:
+        title: Its heading.
+        data: Takes the result; gives numbers, texts, lists and maps of these, or `None` where it has nothing
+            to say about that result.
+        template: A block of jinja2 that shows the data by the name `data`; everything in it is escaped. The
+            filters `amount`, `brief`, `number`, `seconds` and `untrusted` are those of the page. It has no
+            script, no style sheet and no heading of the first two levels.
+    """
+
+    title: str
+    data: Callable[[Any], Any]
+    template: str
+
+
 GROUPS: Mapping[str, type] = {
     "ariac_score.rules": Rule,
     "ariac_score.monitors": Monitor,
@@ -463,6 +485,9 @@ GROUPS: Mapping[str, type] = {
 VALUE_GROUPS: Mapping[str, type] = {
     "ariac_score.quantities": Quantity,
     "ariac_score.derived_signals": DerivedSignal,
+    "ariac_score.report_panels": ReportPanel,
+    "ariac_score.ranking_policies": Callable,  # type: ignore[dict-item]  # from scores to one
+    "ariac_score.exports": Callable,  # type: ignore[dict-item]  # from a result to its text
 }
 """Entry-point groups of values, and what each is."""
 

@@ -128,7 +128,7 @@ def _of_subject(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
         yield Breach(
             "subject",
             f"is {finding.subject!r}: no body or pair of bodies, item of work or signal of this trial, "
-            "nor a word that the check declares in 'subjects'",
+            "nor a word that the check declares in 'also_about'",
         )
 
 
@@ -302,7 +302,7 @@ class Subjects(Container[str]):
     """What a finding about a trial may be about.
 
     The trial, the team; a body (or a link of one) and several of them, `robot/human`; an item of work, by
-    its path; a signal; what an event names; a word that the check declares in `subjects`.
+    its path; a signal; what an event names; a word that the check declares in `also_about`.
     """
 
     def __init__(self, trial: Trial, own: Collection[str] = ()) -> None:

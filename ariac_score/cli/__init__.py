@@ -52,7 +52,7 @@ _COMMANDS = {
     "sensitivity": "vary every parameter and show whether score or ranks would change",
     "rules": "list, show, validate, compare and test rule sets",
     "plugins": "list, show and check installed plugins",
-    "new": "start a plugin: a complete distribution with code, rule set and tests",
+    "new": "start a plugin in one file, and let it grow into a distribution",
     "oracle": "answer running monitors of ROSMonitoring, event by event",
 }
 """The line about each command in `--help`: the module of a command is imported only to run it."""

@@ -1,4 +1,4 @@
-"""`ariac-score new monitor|rule|reader NAME`: start a plugin of your own."""
+"""`ariac-score new monitor|rule|reader|distribution NAME`: start a plugin of your own, and let it grow."""
 
 from __future__ import annotations
 
@@ -6,32 +6,62 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ariac_score.testing.kit import new_distribution
+from ariac_score.errors import UsageError
+from ariac_score.testing.grow import grow
+from ariac_score.testing.kit import KINDS, new_files
 
 
 def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "new",
-        description="Write a distribution that installs with 'pip install -e .' and passes its own tests.",
+        description="Start a monitor or rule as one file, with a rule set that uses it and a test beside it; "
+        "grow such files into a distribution that installs; or start a reader, which is one at once.",
     )
-    parser.add_argument("kind", choices=("monitor", "rule", "reader"), help="kind of plugin")
-    parser.add_argument("name", metavar="NAME", help="name of the plugin, such as workshop.calm_robot")
+    parser.add_argument("kind", choices=(*KINDS, "distribution"), help="what to write")
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="name of the plugin, such as workshop.calm_robot, or of a family: workshop",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="RULES",
+        help="distribution: the rule set that names the files of code, or its folder",
+    )
     parser.add_argument(
         "--into",
         type=Path,
         default=Path(),
         metavar="DIR",
-        help="where to make its folder; default: the current folder",
+        help="where to write; default: the current folder",
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the files, and print what to do next."""
-    files = new_distribution(arguments.kind, arguments.name, arguments.into)
+    if (arguments.kind == "distribution") != (arguments.source is not None):
+        raise UsageError(
+            "a distribution grows from a rule set, and nothing else does",
+            hint="ariac-score new monitor NAME, then: ariac-score new distribution NAME --from ours.yaml",
+        )
+    if arguments.source is not None:
+        files = grow(arguments.source, arguments.name, arguments.into)
+    else:
+        files = new_files(arguments.kind, arguments.name, arguments.into)
     for file in files:
         print(file.as_posix())
-    folder = next(file.parent for file in files if file.name == "pyproject.toml")
-    print(f"\nnext: cd {folder.as_posix()} && pip install -e . && python -m pytest")
+    print(f"\nnext: {_next(files)}")
     return 0
+
+
+def _next(files: list[Path]) -> str:
+    """What to do with new files."""
+    projects = [file.parent for file in files if file.name == "pyproject.toml"]
+    if projects:
+        return f"cd {projects[0].as_posix()} && pip install -e . && python -m pytest"
+    (rules,) = [file for file in files if file.suffix == ".yaml"]
+    return f"ariac-score score LOG --rules {rules.as_posix()} --local-plugins"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ariac_score.checks.findings import Verdict
 from ariac_score.errors import UsageError, did_you_mean
-from ariac_score.report.exports import exported
+from ariac_score.report.exports import export_names, exported
 from ariac_score.report.text import score_text
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
@@ -22,7 +22,7 @@ __all__ = ["add_output", "failed_criteria", "show"]
 
 EXIT_CRITERION = 1
 EXIT_UNDECIDED = 6
-FORMATS = ("text", "json", "junit", "sarif", "github", "markdown", "csv", "jsonl")
+OWN_FORMATS = ("text", "json")
 _CRITERION = re.compile(
     r"(?P<what>violation|unknown)(:(?P<check>\w+))?|score<(?P<limit>-?\d+(\.\d+)?)", re.ASCII
 )
@@ -31,7 +31,10 @@ _CRITERION = re.compile(
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the options for how a result is shown, and when it fails."""
     parser.add_argument(
-        "--output-format", choices=FORMATS, default="text", help="default: text; see docs/outputs.md"
+        "--output-format",
+        choices=(*OWN_FORMATS, *export_names()),
+        default="text",
+        help="default: text; see docs/outputs.md",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.add_argument(

@@ -142,9 +142,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
         measures = getattr(check, "measures", None)
-        declared = getattr(check, "subjects", ())
-        # A monitor of the toolkit calls whom it watches its subjects, which are no words.
-        subjects = frozenset(declared if isinstance(declared, frozenset | set | tuple | list) else ())
+        subjects = frozenset(getattr(check, "also_about", ()))
         forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
     except Exception as cause:
         raise broken(

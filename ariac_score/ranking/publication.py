@@ -11,13 +11,15 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Struct, UnsetType, convert
 
-from ariac_score.errors import DataFileError
+from ariac_score.checks.registry import Plugin, package_sha256
+from ariac_score.errors import DataFileError, PluginError
 from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
 from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
+from ariac_score.ranking.totals import SUM, total_named
 from ariac_score.results.codec import Format
 from ariac_score.results.cohort_file import Cohort
 from ariac_score.results.result import Pinned, Sha256
@@ -91,7 +93,7 @@ class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_field
         return self.team, self.trial, self.run
 
 
-class How(Struct, frozen=True, forbid_unknown_fields=True):
+class How(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """How runs became ranks, as in the `ranking` of a rule set, defaults included.
 
     Attributes:
@@ -103,6 +105,8 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
         best: Which value comes first.
         ties: What separates teams of equal value, most important first.
         intervals: How the uncertainty of ranks is estimated.
+        total: How the scores of a team in its trials became its execution.
+        total_by: Distribution, version and SHA-256 of the code of `total`; empty for the sum.
     """
 
     keep: Annotated[int, Meta(ge=1)]
@@ -113,6 +117,8 @@ class How(Struct, frozen=True, forbid_unknown_fields=True):
     best: Annotated[str, Meta(pattern="^(highest|lowest)$")]
     ties: tuple[Mapping[str, str], ...]
     intervals: Intervals
+    total: str = SUM
+    total_by: str = ""
 
 
 class OrganisersRanking(Struct, frozen=True, forbid_unknown_fields=True):
@@ -324,6 +330,14 @@ def _how(spec: Spec) -> How:
         best="highest" if spec.highest else "lowest",
         ties=tuple(_key(key) for key in spec.ties),
         intervals=spec.intervals,
+        total=spec.total.name,
+        total_by=_brought_by(spec.total.plugin),
+    )
+
+
+def _brought_by(plugin: Plugin | None) -> str:
+    return (
+        "" if plugin is None else f"{plugin.distribution} {plugin.version} {package_sha256(plugin.package)}"
     )
 
 
@@ -486,7 +500,7 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
         DataFileError: Naming the place.
     """
     for ranking in (found.ranking, found.final):
-        _refuse_wrong_sums(ranking, path)
+        _refuse_wrong_sums(ranking, found.how.total, path)
     hint = "it was edited or damaged: rank again"
     if {run.key for run in found.ranking.runs} != {run.key for run in found.final.runs}:
         raise DataFileError(
@@ -502,7 +516,7 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
         raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
 
 
-def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
+def _refuse_wrong_sums(ranking: Ranking, total_by: str, path: Path) -> None:
     hint = "it was edited or damaged: rank again"
     teams = {standing.team for standing in ranking.standings}
     if len(teams) < len(ranking.standings) or len(set(ranking.trials)) < len(ranking.trials):
@@ -511,11 +525,13 @@ def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
         place = f"$.standings[{number}]"
         if set(standing.trials) != set(ranking.trials):
             raise DataFileError("it has other trials than are listed", file=path, place=place, hint=hint)
-        total = sum((cell.score for cell in standing.trials.values()), Decimal(0))
+        total = _total(total_by, [cell.score for cell in standing.trials.values()], standing.execution)
         # Each amount is a float of its own, which keeps 15 digits of what was added up.
         if abs(total - standing.execution) > max(abs(total), Decimal(1)) * Decimal("1e-12"):
             raise DataFileError(
-                f"its trials add up to {total:f}, not to {standing.execution:f}",
+                f"its trials make {total:f}, not {standing.execution:f}"
+                if total_by != SUM
+                else f"its trials add up to {total:f}, not to {standing.execution:f}",
                 file=path,
                 place=f"{place}.execution",
                 hint=hint,
@@ -524,6 +540,14 @@ def _refuse_wrong_sums(ranking: Ranking, path: Path) -> None:
     if strangers:
         owner = f"{strangers[0].team!r}, {strangers[0].trial!r}"
         raise DataFileError(f"a run of {owner} is of nobody listed", file=path, place="$.runs", hint=hint)
+
+
+def _total(name: str, scores: Sequence[Decimal], stated: Decimal) -> Decimal:
+    """The execution for these scores; the stated one where nothing installed here computes it."""
+    try:
+        return total_named(name).execution(scores)
+    except PluginError:
+        return stated
 
 
 def _stays_inside(name: str) -> bool:

@@ -138,7 +138,7 @@ class TeamRank:
         team: Id.
         name: As shown.
         value: What teams are ranked by.
-        execution: Sum over the trials.
+        execution: Sum over the trials, or what the rules take instead.
         judges: Sum or mean of the judges' marks; `None` when there are none.
         ties: The values that separate teams of equal value, by name.
         trials: Its score in each trial.
@@ -517,7 +517,7 @@ def _standings(
     }
     totals = [
         {
-            "execution": sum((cell.score for cell in own[team.id].values()), Decimal(0)),
+            "execution": spec.total.execution([cell.score for cell in own[team.id].values()]),
             "judges": _judges(team, spec),
         }
         for team in competition.teams

@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 
 from ariac_score.ranking.rank import Ranking, RunOutcome, cell_digits, is_scored, merit
 from ariac_score.ranking.spec import COUNT_BACK, FloatArray, IntArray, Spec, places
+from ariac_score.ranking.totals import SUM
 
-__all__ = ["Draws", "RandomBits", "Sampled", "draw", "sampled", "student_quantile", "widening"]
+__all__ = ["Draws", "RandomBits", "Sampled", "draw", "sampled", "student_quantile", "totalled", "widening"]
 
 BLOCK = 1000
 """Competitions drawn at a time. Another number would give other draws for the same seed."""
@@ -90,11 +91,9 @@ class Sampled:
     terms: Mapping[str, FloatArray]
     judges: FloatArray | None
 
-    @property
-    def execution(self) -> IntArray:
-        """Sum over the trials, in units, shape (teams,)."""
-        total: IntArray = self.cells.sum(axis=1)
-        return total
+    def execution(self, spec: Spec) -> IntArray:
+        """Sum over the trials, or what the rules take instead, in units, shape (teams,)."""
+        return totalled(self.cells[:, :, None], self.digits, spec)[:, 0]
 
     def amount(self, units: IntArray) -> FloatArray:
         """Units as points."""
@@ -143,6 +142,31 @@ def sampled(ranking: Ranking, spec: Spec, digits: int) -> Sampled:
         terms=terms,
         judges=np.array([float(mark) for mark in judges if mark is not None]) if None not in judges else None,
     )
+
+
+def totalled(cells: IntArray, digits: int, spec: Spec) -> IntArray:
+    """The execution of teams for their scores in each trial.
+
+    Args:
+        cells: Shape (teams, trials, competitions), in units.
+        digits: Decimal digits of the units.
+        spec: How runs become a ranking.
+
+    Returns:
+        Shape (teams, competitions), in units.
+    """
+    if spec.total.name == SUM:
+        added: IntArray = cells.sum(axis=1)
+        return added
+    teams, trials, count = cells.shape
+    rows = np.moveaxis(cells, 1, 2).reshape(teams * count, trials)
+    # Draws repeat each other: the function is called once for scores that are the same.
+    different, which = np.unique(rows, axis=0, return_inverse=True)
+    found = [
+        _units(spec.total.execution([Decimal(unit).scaleb(-digits) for unit in row]), digits)
+        for row in different.tolist()
+    ]
+    return np.array(found, dtype=np.int64)[which.reshape(-1)].reshape(teams, count)
 
 
 def _by_cell(
@@ -288,18 +312,19 @@ class _Sampler:
 
     def block(self, size: int) -> Draws:
         """Draw that many competitions."""
-        execution = np.zeros((self.teams, size), dtype=np.int64)
+        scores = np.zeros((self.teams, self.trials, size), dtype=np.int64)
         terms = {name: np.zeros((self.teams, size)) for name in self.spec.terms}
         counted = any(key.name == COUNT_BACK for key in self.spec.ties)
         won = np.zeros((self.teams if counted else 0, self.teams, size))
-        for chosen in self._chosen(size):
+        for number, chosen in enumerate(self._chosen(size)):
             picked = self._picked(chosen)
             cells = self._cells(chosen, picked)
-            execution += cells
+            scores[:, number] = cells
             for name in terms:
                 terms[name] += self._term(self.runs.terms[name], chosen, picked)
             if counted:
                 self._count(won, cells, chosen)
+        execution = totalled(scores, self.runs.digits, self.spec)
         return Draws(execution, tuple(self._ties(terms, won, size)))
 
     def _chosen(self, size: int) -> IntArray:

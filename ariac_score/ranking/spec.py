@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.documents.schema import schema_errors
-from ariac_score.errors import DataFileError, FormulaError, RuleSetError, did_you_mean
+from ariac_score.errors import DataFileError, FormulaError, PluginError, RuleSetError, did_you_mean
+from ariac_score.ranking.totals import SUM, Total, total_named
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ruleset import RuleSet
 
@@ -74,6 +75,7 @@ class Spec:
         ties: What separates teams of equal value.
         strict: The organisers' own program, whose ranking is shown too; empty for none.
         intervals: How the uncertainty of ranks is estimated.
+        total: How the scores of a team in its trials become its execution.
     """
 
     keep: int
@@ -85,6 +87,7 @@ class Spec:
     ties: tuple[Key, ...]
     strict: str = ""
     intervals: Intervals = field(default_factory=Intervals)
+    total: Total = field(default_factory=Total)
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -269,6 +272,7 @@ def ranking_spec(rule_set: RuleSet, overrides: Mapping[str, Any], *, file: str) 
         ties=_keys(data.get("ties", []), [*TEAM_NAMES, *terms], "ties", file),
         strict=data.get("strict", ""),
         intervals=Intervals(**data.get("intervals", {})),
+        total=_total(data.get("total", SUM), file),
     )
 
 
@@ -288,6 +292,14 @@ def _keys(data: Sequence[Mapping[str, str]], known: Sequence[str], place: str, f
             )
         keys.append(Key(name, direction == "highest"))
     return tuple(keys)
+
+
+def _total(name: str, file: str) -> Total:
+    try:
+        return total_named(name)
+    except PluginError as error:
+        error.file, error.place = error.file or file, error.place or "$.ranking.total"
+        raise
 
 
 def _value(text: str | float, file: str) -> Expression:

@@ -196,7 +196,7 @@ def _notes(runs: Sampled, declared: Intervals, resample: str, count: int) -> lis
 
 def _widened(runs: Sampled, drawn: Draws, spec: Spec, by: float) -> IntArray:
     """The sums drawn, with deviations widened."""
-    published = runs.execution[:, None]
+    published = runs.execution(spec)[:, None]
     wide: IntArray = published + np.rint(by * (drawn.execution - published)).astype(np.int64)
     # A team without any run does not vary, so widening could put it ahead of one that did badly in a draw.
     none = (runs.counts == 0).all(axis=1)

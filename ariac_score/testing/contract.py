@@ -357,7 +357,7 @@ class _Checked:
 
     def _checked(self, findings: list[Finding]) -> list[Finding]:
         """Findings of a watch after the same checks, order and rounding as those of any monitor."""
-        return self.ask(self.trial, _Replayed(findings))
+        return self.ask(self.trial, _Replayed(findings, self.check))
 
 
 def _chart_marks(chart: Chart) -> tuple[object, ...]:
@@ -367,10 +367,13 @@ def _chart_marks(chart: Chart) -> tuple[object, ...]:
 
 
 class _Replayed:
-    """A monitor that gives the findings of a watch."""
+    """A monitor that gives the findings of a watch, and declares what the watched one declares."""
 
-    def __init__(self, findings: Iterable[Finding]) -> None:
+    def __init__(self, findings: Iterable[Finding], check: Any) -> None:
         self._findings = findings
+        for name in ("measures", "also_about", "t_on_s"):
+            if hasattr(check, name):
+                setattr(self, name, getattr(check, name))
 
     def needs(self) -> Iterator[Any]:
         """Nothing more."""
@@ -436,10 +439,12 @@ def _alike(first: Finding, second: Finding) -> bool:
         "span": None,
         "robustness": None,
         "quantities": {},
+        "units": {},
         "evidence": (),
     }
     return (
-        replace(first, **blank) == replace(second, **blank)
+        first.units == second.units
+        and replace(first, **blank) == replace(second, **blank)
         and _words(first) == _words(second)
         and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
         and all(

@@ -1,4 +1,4 @@
-"""A new distribution with one plugin, complete and sound: what `ariac-score new` writes."""
+"""What `ariac-score new` writes: a check in one file, the distribution it grows into, or a reader's."""
 
 from __future__ import annotations
 
@@ -15,44 +15,60 @@ from ariac_score.checks.registry import Registry
 from ariac_score.errors import UsageError
 from ariac_score.scoring.ruleset import load_rule_set
 
-__all__ = ["KINDS", "new_distribution"]
+__all__ = ["KINDS", "check_name", "new_files", "our_version", "written"]
 
 KINDS = {"monitor": "ariac_score.monitors", "rule": "ariac_score.rules", "reader": "ariac_score.readers"}
 """What can be made, and the entry-point group of each."""
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _WORD = r"[a-z][a-z0-9]*(?:_[a-z0-9]+)*"
-_NAME = re.compile(rf"{_WORD}(?:\.{_WORD})+")
+_NAME = re.compile(rf"{_WORD}(?:\.{_WORD})*")
 
 
-def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
-    """Write a distribution with one plugin into a new folder.
+def new_files(kind: str, name: str, into: Path) -> list[Path]:
+    """Write a new plugin: a monitor or rule as one file, with its rule set and its test beside it.
+
+    A reader comes as a whole distribution, in a folder of its own: no rule set can name the file of one.
 
     Args:
         kind: `monitor`, `rule` or `reader`.
-        name: Name of the plugin, such as `workshop.calm_robot`.
-        into: Folder in which the new one is made.
+        name: Name of the plugin, such as `calm_robot` or `workshop.calm_robot`.
+        into: Folder in which the files, or the folder, are made.
 
     Returns:
         The files, as they stand in `into`.
 
     Raises:
-        UsageError: The name cannot be one, is taken, or the folder exists.
+        UsageError: The name cannot be one, is taken, or a file exists.
     """
-    _check_name(kind, name)
-    templates = {
-        template: (template.relative_to(root), template.read_text(encoding="utf-8"))
-        for root in (_TEMPLATES / "common", _TEMPLATES / kind)
-        for template in sorted(root.rglob("*.tmpl"))
-    }
-    facts = _facts(kind, name, "".join(text for _, text in templates.values()))
-    folder = into / facts["distribution"]
-    if folder.exists():
-        raise UsageError(
-            "exists already", file=folder, hint="nothing is overwritten; choose another name or place"
-        )
+    check_name(name)
+    root = _TEMPLATES / kind
+    templates = {t.relative_to(root): t.read_text(encoding="utf-8") for t in sorted(root.rglob("*.tmpl"))}
+    facts = _facts(kind, name, "".join(templates.values()))
+    folder = into / facts["distribution"] if kind == "reader" else into
     # All texts before the first file: a template that fails leaves no half of a folder.
-    texts = {_place(place, facts): Template(text).substitute(facts) for place, text in templates.values()}
+    return written(
+        folder, {_place(place, facts): Template(text).substitute(facts) for place, text in templates.items()}
+    )
+
+
+def written(folder: Path, texts: dict[Path, str]) -> list[Path]:
+    """Write new files into a folder.
+
+    Args:
+        folder: Made where it is not there.
+        texts: By place within it.
+
+    Raises:
+        UsageError: One of them exists already, or the folder cannot be written.
+    """
+    for place in texts:
+        if (folder / place).exists():
+            raise UsageError(
+                "exists already",
+                file=folder / place,
+                hint="nothing is overwritten; choose another name or place",
+            )
     try:
         for place, text in texts.items():
             file = folder / place
@@ -65,11 +81,16 @@ def new_distribution(kind: str, name: str, into: Path) -> list[Path]:
     return [folder / place for place in sorted(texts)]
 
 
+def our_version() -> str:
+    """The first two numbers of the version of this package."""
+    return ".".join(version("ariac-score").split(".")[:2])
+
+
 def _facts(kind: str, name: str, written: str) -> dict[str, str]:
     """The values of the placeholders.
 
     Args:
-        kind: As for `new_distribution`.
+        kind: As for `new_files`.
         name: Likewise.
         written: The text of all templates, so that the class gets a name that none of them uses.
     """
@@ -85,7 +106,7 @@ def _facts(kind: str, name: str, written: str) -> dict[str, str]:
         "distribution": module.replace("_", "-"),
         "check": f"{module}_{kind}" if module in _taken() else module,
         "cls": cls,
-        "version": ".".join(version("ariac-score").split(".")[:2]),
+        "version": our_version(),
     }
 
 
@@ -100,9 +121,13 @@ def _place(template: Path, facts: dict[str, str]) -> Path:
     return Path(template.as_posix().removesuffix(".tmpl").replace("MODULE", facts["module"]))
 
 
-def _check_name(kind: str, name: str) -> None:
-    """Refuse what cannot be a plugin's name, or is one already."""
-    if not (_NAME.fullmatch(name) or (kind == "reader" and re.fullmatch(_WORD, name))):
+def check_name(name: str) -> None:
+    """Refuse what cannot be a plugin's name, or is one already.
+
+    Raises:
+        UsageError: Saying what would do.
+    """
+    if not _NAME.fullmatch(name):
         plain = re.sub("[^a-z0-9]+", "_", name.lower()).strip("_0123456789") or "calm_robot"
         raise UsageError(
             f"{name!r} cannot be the name of a plugin",
@@ -111,13 +136,13 @@ def _check_name(kind: str, name: str) -> None:
     reserved = [word for word in name.split(".") if keyword.iskeyword(word)]
     if reserved:
         raise UsageError(f"{reserved[0]!r} is a word of Python", hint="choose another name")
+    registry = Registry()
     for group in GROUPS:
-        for plugin in Registry().all(group):
-            if plugin.name == name:
-                raise UsageError(
-                    f"{name!r} is provided by {plugin.distribution} {plugin.version}",
-                    hint="two distributions with one name are both refused; choose another",
-                )
+        for plugin in registry.providers(group, name):
+            raise UsageError(
+                f"{name!r} is provided by {plugin.distribution} {plugin.version}",
+                hint="two distributions with one name are both refused; choose another",
+            )
     # Found by import, whichever distribution it is of: its module would hide the new one, or be hidden.
     module = name.replace(".", "_")
     if module in sys.stdlib_module_names or find_spec(module) is not None:

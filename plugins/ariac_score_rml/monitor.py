@@ -15,12 +15,14 @@ from ariac_score import (
     Chart,
     EventWatch,
     Finding,
+    Measure,
     MissingSignalError,
     OnlineWatch,
     SignalNeed,
     Trial,
     parameter,
 )
+from ariac_score.monitors import severity_measures
 from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.judging import Judgement, Settings
@@ -68,6 +70,10 @@ class RmlSpec:
         reference a rejection is final.
     """
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        **severity_measures("m"),
+        "time_in_violation_s": Measure("s", best=0.0, meaning="how long rejected events stand"),
+    }
     example: ClassVar[Mapping[str, Any]] = {
         "spec": "apart matches {topic: 'snapshot', distance: d} with d >= 5.0; Main = apart*;",
         "events": {"snapshot": {"distance": "centre_distance/{robot}/{human}"}},

@@ -15,6 +15,7 @@ from ariac_score import (
     Chart,
     Finding,
     FormulaError,
+    Measure,
     MissingSignalError,
     OnlineWatch,
     Signal,
@@ -75,6 +76,10 @@ class StlFormula:
         Eisner and others 2003; `cut` is what the rtamt library does.
     """
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "time_in_violation_s": Measure("s", best=0.0, meaning="how long the formula did not hold"),
+        "failed_at_s": Measure("s", signed=True, meaning="when what it failed by was sampled, trial time"),
+    }
     example: ClassVar[Mapping[str, object]] = {
         "formula": "always (d < near -> eventually[0,0.5] v < slow)",
         "signals": {"d": "centre_distance in m", "v": "speed of robot in m/s"},

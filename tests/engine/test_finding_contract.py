@@ -222,7 +222,7 @@ def test_what_was_broken_too_briefly_to_count_is_satisfied_where_the_check_says_
 
 
 def test_a_check_may_have_words_of_its_own_for_what_it_is_about(asked: Asked) -> None:
-    assert len(asked("subject='pit lane'", holds="subjects = ('pit lane',)")) == 2
+    assert len(asked("subject='pit lane'", holds="also_about = ('pit lane',)")) == 2
     with pytest.raises(PluginError, match="its subject is 'pit lane'"):
         asked("subject='pit lane'")
 

@@ -21,7 +21,7 @@ from msgspec import structs
 
 from ariac_score import Finding, Result, Span, Verdict, load_result, score_trial
 from ariac_score.cli import main
-from ariac_score.report.exports import EXPORTS, exported
+from ariac_score.report.exports import export_names, exported
 from ariac_score.report.text import score_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
 
@@ -364,7 +364,7 @@ def test_json_lines_hold_the_amounts_of_the_score_and_every_finding() -> None:
 
 
 @pytest.mark.parametrize("text", HOSTILE)
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("name", export_names())
 def test_every_format_can_be_written_as_utf_8_whatever_names_hold(name: str, text: str) -> None:
     shown = exported(renamed(text), name)
 
@@ -374,7 +374,7 @@ def test_every_format_can_be_written_as_utf_8_whatever_names_hold(name: str, tex
         parsed(shown)
 
 
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("name", export_names())
 def test_the_same_result_gives_the_same_text(name: str) -> None:
     assert exported(near_miss(), name) == exported(load_result(EXAMPLE), name)
 
@@ -382,7 +382,7 @@ def test_the_same_result_gives_the_same_text(name: str) -> None:
 # The command line ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.parametrize("name", export_names())
 def test_export_of_a_stored_result_is_what_score_writes(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""`ariac-score new`: what it writes installs, passes its own tests and checks, and refuses bad names."""
+"""`ariac-score new`: what it writes works at once, grows without losing a byte, and refuses bad names."""
 
 from __future__ import annotations
 
@@ -9,33 +9,60 @@ from typing import Any
 import pytest
 import yaml
 
+from ariac_score import score_trial
 from ariac_score.cli import main
-from ariac_score.errors import UsageError
-from ariac_score.testing.kit import KINDS, new_distribution
+from ariac_score.errors import ScoreError, UsageError
+from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing.grow import grow
+from ariac_score.testing.kit import KINDS, new_files
+
+ONE_FILE = ("monitor", "rule")
 
 
-@pytest.mark.parametrize(
-    "kind", [kind if kind == "monitor" else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
-)
-def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
+@pytest.mark.parametrize("kind", ["monitor", pytest.param("rule", marks=pytest.mark.slow)])
+def test_a_new_check_is_scored_at_once_and_grows_into_a_distribution_that_passes_its_own_tests(
     kind: str, environment: Any, tmp_path: Path
 ) -> None:
-    # The name is one that scopes, signals and classes have, too.
-    made = environment.run(f"ariac-score new {kind} made_{kind}.trial", tmp_path)
-    assert made.returncode == 0, made.stderr
-    folder = tmp_path / f"made-{kind}-trial"
+    name, stem = f"made_{kind}.trial", f"made_{kind}_trial"  # one that scopes, signals and classes have, too
+    for command in (
+        f"ariac-score new {kind} {name}",
+        "python -m ariac_score.testing trial.mcap",
+        f"ariac-score score trial.mcap --rules {stem}.yaml --local-plugins",
+        "python -m pytest -q -p no:cacheprovider",
+        f"ariac-score new distribution {name} --from {stem}.yaml",
+    ):
+        done = environment.run(command, tmp_path)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    folder = tmp_path / stem.replace("_", "-")
 
     for command in ("pip install -q -e .", "python -m pytest -q -p no:cacheprovider"):
         done = environment.run(command, folder)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    assert "failed" not in done.stdout
     assert " passed" in done.stdout
     doctor = environment.run("ariac-score plugins doctor", tmp_path)
-    assert f"made_{kind}" not in doctor.stdout
-    shown = environment.run(f"ariac-score plugins show made_{kind}.trial", tmp_path)
+    assert stem not in doctor.stdout
+    shown = environment.run(f"ariac-score plugins show {name}", folder)
     cls = f"Trial{kind.capitalize()}"
-    assert shown.stdout.startswith(f"{kind} of made-{kind}-trial 0.1.0, made_{kind}_trial:{cls}")
+    assert shown.stdout.startswith(f"{kind} of {folder.name} 0.1.0, {stem}:{cls}")
+    # By the name of its rule set, from anywhere, and without a file of code: what others will do with it.
+    scored = environment.run(f"ariac-score score ../trial.mcap --rules {stem}", folder)
+    assert scored.stdout.startswith("26 of 36 possible"), scored.stderr
+
+
+@pytest.mark.slow
+def test_a_new_reader_installs_and_passes_its_own_tests_at_once(environment: Any, tmp_path: Path) -> None:
+    made = environment.run("ariac-score new reader made_reader.trial", tmp_path)
+    assert made.returncode == 0, made.stderr
+    folder = tmp_path / "made-reader-trial"
+
+    for command in ("pip install -q -e .", "python -m pytest -q -p no:cacheprovider"):
+        done = environment.run(command, folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    assert " passed" in done.stdout
+    doctor = environment.run("ariac-score plugins doctor", tmp_path)
+    assert "made_reader" not in doctor.stdout
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -52,15 +79,17 @@ def test_a_new_distribution_installs_and_passes_its_own_tests_at_once(
 def test_a_class_is_called_what_nothing_else_in_its_file_is(
     kind: str, check: str, cls: str, tmp_path: Path
 ) -> None:
-    if (kind, check) == ("reader", "finding"):
-        cls = "Finding"  # no reader speaks of findings
-    made = new_distribution(kind, f"fair.{check}", tmp_path)
+    if check == "finding" and kind != "rule":
+        cls = "Finding"  # no other template speaks of findings
+    made = new_files(kind, f"fair.{check}", tmp_path)
 
-    (module,) = [file for file in made if file.name == "__init__.py"]
+    (module,) = [file for file in made if file.name in ("__init__.py", f"fair_{check}.py")]
     named = [
         n.name for n in ast.parse(module.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)
     ]
     assert named == [cls.format(kind.capitalize())]
+    if kind in ONE_FILE:
+        made = grow(tmp_path, f"fair.{check}", tmp_path)
     project = (tmp_path / f"fair-{check}/pyproject.toml").read_text(encoding="utf-8")
     assert f'"fair.{check}" = "fair_{check}:{named[0]}"' in project
 
@@ -77,7 +106,7 @@ def test_a_class_is_called_what_nothing_else_in_its_file_is(
 def test_the_check_of_its_rule_set_is_called_what_nothing_else_in_it_is(
     name: str, check: str, tmp_path: Path
 ) -> None:
-    made = new_distribution("rule", name, tmp_path)
+    made = new_files("rule", name, tmp_path)
 
     (rules,) = [file for file in made if file.suffix == ".yaml"]
     written = yaml.safe_load(rules.read_text(encoding="utf-8"))
@@ -85,40 +114,42 @@ def test_the_check_of_its_rule_set_is_called_what_nothing_else_in_it_is(
     assert written["score"] == f"task - 2 * count({check})"
 
 
-def test_a_reader_needs_no_family(tmp_path: Path) -> None:
-    new_distribution("reader", "lab_log", tmp_path)
+def test_nothing_needs_a_family_until_it_is_installed(tmp_path: Path) -> None:
+    new_files("monitor", "near_miss", tmp_path)
+    new_files("reader", "lab_log", tmp_path)
 
     assert '"lab_log" = "lab_log:LabLog"' in (tmp_path / "lab-log/pyproject.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("My-Robot", "workshop.my_robot"), ("play", "workshop.play"), ("!", "workshop.calm_robot")],
+    [("My-Robot", "workshop.my_robot"), ("Play", "workshop.play"), ("!", "workshop.calm_robot")],
 )
 def test_a_name_that_is_refused_is_answered_with_one_that_would_do(
     name: str, hint: str, tmp_path: Path
 ) -> None:
     with pytest.raises(UsageError, match="cannot be the name") as error:
-        new_distribution("rule", name, tmp_path)
+        new_files("rule", name, tmp_path)
 
     assert error.value.hint is not None
     assert error.value.hint.endswith(hint)
-    new_distribution("rule", hint, tmp_path)
+    new_files("rule", hint, tmp_path)
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    new_distribution("rule", "fair.play", tmp_path)
-    (tmp_path / "fair-play/README.md").write_text("mine")
+@pytest.mark.parametrize("file", ["fair_play.py", "fair_play.yaml", "test_fair_play.py"])
+def test_nothing_is_overwritten(file: str, tmp_path: Path) -> None:
+    (tmp_path / file).write_text("mine", encoding="utf-8")
 
     with pytest.raises(UsageError, match="exists already"):
-        new_distribution("rule", "fair.play", tmp_path)
-    assert (tmp_path / "fair-play/README.md").read_text() == "mine"
+        new_files("rule", "fair.play", tmp_path)
+
+    assert [path.name for path in tmp_path.iterdir()] == [file]
+    assert (tmp_path / file).read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("play", "cannot be the name"),
         ("Fair.play", "cannot be the name"),
         ("fair.play!", "cannot be the name"),
         ("fair..play", "cannot be the name"),
@@ -134,7 +165,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 )
 def test_a_name_that_cannot_be_used_is_refused(name: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=words) as error:
-        new_distribution("monitor", name, tmp_path)
+        new_files("monitor", name, tmp_path)
 
     assert error.value.hint
     assert not [*tmp_path.iterdir()]
@@ -144,7 +175,7 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
     with pytest.raises(UsageError, match="cannot be written"):
-        new_distribution("monitor", "fair.play", tmp_path / "file")
+        new_files("monitor", "fair.play", tmp_path / "file")
 
 
 def test_the_command_names_the_files_and_what_to_do_next(
@@ -153,11 +184,17 @@ def test_the_command_names_the_files_and_what_to_do_next(
     monkeypatch.chdir(tmp_path)
 
     assert main(["new", "rule", "fair.play"]) == 0
-
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:-2] == sorted(
-        p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()
-    )
+    assert lines == [
+        *sorted(p.name for p in tmp_path.iterdir()),
+        "",
+        "next: ariac-score score LOG --rules fair_play.yaml --local-plugins",
+    ]
+
+    assert main(["new", "distribution", "fair.play", "--from", "fair_play.yaml"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    grown = tmp_path / "fair-play"
+    assert lines[:-2] == sorted(p.relative_to(tmp_path).as_posix() for p in grown.rglob("*") if p.is_file())
     assert lines[-1] == "next: cd fair-play && pip install -e . && python -m pytest"
 
 
@@ -167,3 +204,140 @@ def test_a_kind_that_does_not_exist_is_a_usage_error(capsys: pytest.CaptureFixtu
 
     assert left.value.code == 4
     assert "invalid choice: 'judge'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["monitor", "fair.play", "--from", "x.yaml"], ["distribution", "fair.play"]]
+)
+def test_only_a_distribution_grows_from_something(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", *words]) == 4
+    assert "a distribution grows from a rule set, and nothing else does" in capsys.readouterr().err
+
+
+# Growing --------------------------------------------------------------------------------
+
+CODE = """# Mine, with a tail of spaces   \r\n
+class NearMiss:
+    def needs(self): return []
+    def watch(self, trial):
+        from ariac_score import Finding
+        yield Finding.violated("trial", "near")
+
+class Far(NearMiss): ...
+"""
+RULES = """# Prices, by me
+id: lab
+title: t
+source: s
+extends: ./base.yaml   # ours
+monitors:
+  near_miss: {use: "./lab.py:NearMiss"}
+  far:
+    use: ./lab.py:Far  # further
+score: task - count(near_miss) - 2 * count(far)
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    """Two classes in a file, used by a rule set that extends another one beside it."""
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (folder / "lab.py").write_bytes(CODE.encode())
+    (folder / "lab.yaml").write_text(RULES, encoding="utf-8")
+    base = "id: lab_base\ntitle: t\nsource: s\nextends: paper2020\n"
+    (folder / "base.yaml").write_text(base, encoding="utf-8")
+    (folder / "test_lab.py").write_text("def test_it(): ...\n", encoding="utf-8")
+    return folder
+
+
+def test_growing_keeps_the_authors_code_to_the_byte_and_rule_sets_but_for_the_names(
+    lab: Path, tmp_path: Path
+) -> None:
+    before = {path.name: path.read_bytes() for path in lab.iterdir()}
+
+    grow(lab / "lab.yaml", "workshop", tmp_path)
+
+    grown = tmp_path / "workshop"
+    assert (grown / "lab/__init__.py").read_bytes() == CODE.encode()
+    assert (grown / "tests/test_lab.py").read_bytes() == before["test_lab.py"]
+    assert (grown / "lab/base.yaml").read_bytes() == before["base.yaml"]
+    named = RULES.replace('"./lab.py:NearMiss"', "workshop.near_miss").replace("./lab.py:Far", "workshop.far")
+    assert (grown / "lab/lab.yaml").read_text(encoding="utf-8") == named
+    assert {path.name: path.read_bytes() for path in lab.iterdir() if path.is_file()} == before
+    project = (grown / "pyproject.toml").read_text(encoding="utf-8")
+    monitors = '"workshop.near_miss" = "lab:NearMiss"\n"workshop.far" = "lab:Far"\n'
+    assert f'[project.entry-points."ariac_score.monitors"]\n{monitors}' in project
+    rule_sets = '"lab" = "lab:lab"\n"lab_base" = "lab:base"\n'
+    assert f'[project.entry-points."ariac_score.rule_sets"]\n{rule_sets}' in project
+
+
+def test_grown_and_local_checks_give_the_same_score(lab: Path, tmp_path: Path, install: Any) -> None:
+    log = write_trial_log(tmp_path / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    local = score_trial(log, lab / "lab.yaml", local_plugins=True)
+    grow(lab, "workshop", tmp_path)
+    install(
+        "lab_grown",
+        {"workshop.near_miss": "NearMiss", "workshop.far": "Far"},
+        source=CODE,
+        group="ariac_score.monitors",
+    )
+
+    grown = score_trial(log, tmp_path / "workshop/lab/lab.yaml")
+
+    assert grown.score == local.score == 28 - 1 - 2
+    assert grown.measured.findings == local.measured.findings
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "old", "new", "words"),
+    [
+        ("workshop", "lab.yaml", "./lab.py:Far", "./lab.py:Fra", "no class of that name"),
+        ("workshop", "lab.yaml", "./base.yaml", "../base.yaml", "no such file"),
+        ("workshop", "lab.yaml", "./lab.py", "./absent.py", "cannot be read"),
+        ("workshop", "lab.yaml", "id: lab", "id: paper2020", "is provided by ariac-score"),
+        ("Workshop", "lab.yaml", "", "", "cannot be the name"),
+        ("kitting", "lab.py", "NearMiss", "Pose", "has no class|no class of that name"),
+        ("workshop", "test_lab.py", "def", "\udcff", "can.t decode byte"),
+    ],
+)
+def test_what_cannot_grow_is_refused_before_a_file_is_written(
+    name: str, file: str, old: str, new: str, words: str, lab: Path, tmp_path: Path
+) -> None:
+    text = (lab / file).read_bytes().decode().replace(old, new)
+    (lab / file).write_bytes(text.encode("utf-8", "surrogateescape"))
+
+    with pytest.raises(ScoreError, match=words) as error:
+        grow(lab / "lab.yaml", name, tmp_path / "out")
+
+    assert error.value.hint
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_module_that_is_installed_already_is_not_hidden(lab: Path, tmp_path: Path) -> None:
+    (lab / "lab.py").rename(lab / "yaml.py")
+    (lab / "lab.yaml").write_text(RULES.replace("./lab.py", "./yaml.py"), encoding="utf-8")
+
+    with pytest.raises(UsageError, match="a module 'yaml' already"):
+        grow(lab / "lab.yaml", "workshop", tmp_path)
+
+
+def test_a_folder_with_no_or_two_such_rule_sets_is_refused(lab: Path, tmp_path: Path) -> None:
+    (lab / "other.yaml").write_text(RULES, encoding="utf-8")
+    with pytest.raises(UsageError, match=r"there is lab\.yaml, other\.yaml"):
+        grow(lab, "workshop", tmp_path)
+    with pytest.raises(UsageError, match="there is none"):
+        grow(tmp_path, "workshop", tmp_path)
+    with pytest.raises(UsageError, match="names no class in a file"):
+        grow(lab / "base.yaml", "workshop", tmp_path)
+    with pytest.raises(UsageError, match="no such file or folder"):
+        grow(lab / "absent.yaml", "workshop", tmp_path)
+
+
+def test_growing_overwrites_nothing(lab: Path, tmp_path: Path) -> None:
+    (tmp_path / "workshop").mkdir()
+
+    with pytest.raises(UsageError, match="exists already"):
+        grow(lab, "workshop", tmp_path)

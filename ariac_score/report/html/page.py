@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ariac_score.report.html import wording
 
-__all__ = ["embedded_json", "page", "policy_of", "shipped"]
+__all__ = ["embedded_json", "page", "panel_environment", "policy_of", "shipped"]
 
 _REPORT = Path(__file__).parents[1]
 _TEMPLATES = (_REPORT / "html/templates", _REPORT / "site/templates")
@@ -31,11 +31,25 @@ def page(template: str, **values: Any) -> str:
 
 
 @lru_cache(maxsize=1)
+def panel_environment() -> Environment:
+    """In which the blocks of panels are rendered: as pages are, without a way around escaping."""
+    environment = _made(None)
+    del environment.filters["safe"]
+    return environment
+
+
+@lru_cache(maxsize=1)
 def _environment() -> Environment:
+    environment = _made(FileSystemLoader(_TEMPLATES))
+    environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=shipped)
+    return environment
+
+
+def _made(loader: FileSystemLoader | None) -> Environment:
     environment = Environment(
         autoescape=True,
         undefined=StrictUndefined,  # a misspelt name would else be an empty place on a published page
-        loader=FileSystemLoader(_TEMPLATES),
+        loader=loader,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -49,7 +63,6 @@ def _environment() -> Environment:
         seconds=wording.seconds,
         untrusted=wording.untrusted,
     )
-    environment.globals.update(embedded_json=embedded_json, policy_of=policy_of, shipped=shipped)
     return environment
 
 

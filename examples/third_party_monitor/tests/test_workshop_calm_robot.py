@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import workshop_calm_robot
 from workshop_calm_robot import CalmRobot
 
-from ariac_score import Body, Signal, Span, Trial, Verdict, load_rule_set, score_trial
+from ariac_score import Body, Signal, Span, Trial, Verdict, score_trial
 from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     ContractCheck,
@@ -18,7 +19,7 @@ from ariac_score.testing import (
     write_trial_log,
 )
 
-RULES = Path(__file__).parents[1] / "rules/workshop_calm_robot.yaml"
+RULES = Path(workshop_calm_robot.__file__).with_name("workshop_calm_robot.yaml")
 BODIES = (Body("gantry", "robot"), Body("ann", "human"))
 
 
@@ -40,7 +41,7 @@ def test_keeps_the_contract_of_a_monitor(check: ContractCheck) -> None:
     [
         (1.0, 0.25, Verdict.SATISFIED),
         (1.0, float(np.nextafter(0.25, 1.0)), Verdict.VIOLATED),
-        (5.0, 0.5, Verdict.SATISFIED),
+        (5.0, 0.5, Verdict.NOT_APPLICABLE),
         (float(np.nextafter(5.0, 0.0)), 0.5, Verdict.VIOLATED),
     ],
 )
@@ -56,4 +57,4 @@ def test_it_costs_two_points_of_the_example(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
 
     # Its task is worth 28, and the two come near once, at 0.5 m/s.
-    assert score_trial(log, load_rule_set(str(RULES))).score == 26
+    assert score_trial(log, RULES, local_plugins=True).score == 26

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Measure, Order, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     claimed,
@@ -318,6 +318,14 @@ class AssemblyCounters(_Briefcases):
         printed breakdown.
     """
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "types_alike": Measure("count", meaning="how often the comparison of types succeeded"),
+        "colors_alike": Measure("count", meaning="how often that of colours succeeded"),
+        "poses_alike": Measure("count", meaning="how often that of poses succeeded"),
+        "records": Measure("count", meaning="products noted"),
+        "delivered": Measure("count", meaning="products in the briefcase, faulty ones included"),
+    }
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each assembly task."""
         return each_delivered(trial, order, _CLAUSE, self._finding, kind="assembly")
@@ -335,4 +343,4 @@ class AssemblyCounters(_Briefcases):
         }
         listed = ", ".join(f"{name.replace('_', ' ')} {number:g}" for name, number in counted.items())
         satisfied = Finding.satisfied(subject, listed)
-        return replace(satisfied, quantities=counted, clause=_CLAUSE, units=dict.fromkeys(counted, "count"))
+        return replace(satisfied, quantities=counted, clause=_CLAUSE)

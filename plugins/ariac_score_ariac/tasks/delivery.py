@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Order, Submission, Task, Trial, parameter
+from ariac_score import Finding, Limit, Measure, Order, Submission, Task, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     CountsFrom,
@@ -137,6 +137,10 @@ class OrderTime:
         2024: its submission duration.
     """
 
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "time_taken_s": Measure("s", meaning="from the announcement to the last counted submission")
+    }
+
     max_time_s: float = parameter(0.0, unit="s", status="")
     kinds: tuple[str, ...] = ("kitting",)
     until: Literal["last_complete_kind", "all_complete"] = "last_complete_kind"
@@ -176,7 +180,6 @@ class OrderTime:
                 message if missing else f"completed in {taken.value:.3f} s",
                 quantities={"time_taken_s": taken.value},
                 clause=clause,
-                units={"time_taken_s": "s"},
             )
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Limit, Measure, Order, Pose, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.parts import part_of
-from ariac_score_ariac.tasks.poses import best_total
+from ariac_score_ariac.tasks.poses import POSE_MEASURES, best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
 
 KINDS = ("assembly", "combined")
@@ -105,6 +105,8 @@ class InsertedPart:
         ARIAC 2023 and 2024 as coded: 0.02 m and |dot| 0.95, every pair of one type. As
         documented: 15 degrees, one part for each slot.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 
     compare: Literal["type", "color", "pose", "color_and_pose"] = "type"
     max_distance_m: float = parameter(0.02, unit="m", status="")

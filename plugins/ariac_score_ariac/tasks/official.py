@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, OfficialOrder, OfficialResult, Order, SignalNeed, Trial, Verdict
+from ariac_score import Finding, Measure, OfficialOrder, OfficialResult, Order, SignalNeed, Trial, Verdict
 
 OfOrder = Literal["score", "total", "priority_factor", "duration_s", "max_score"]
 OfTrial = Literal["total", "process_time_s", "collisions", "dropped"]
@@ -25,6 +25,20 @@ _ENDINGS: Mapping[str, str] = {
 """How a run ends without a score, in words."""
 
 _NUMBER = re.compile(r"-?\d{1,15}(?:\.\d{1,20})?(?:e[+-]?\d{1,2})?")
+_OF_ORDER: Mapping[str, Measure] = {
+    "score": Measure("points", "points", meaning="without any factor for priority"),
+    "total": Measure("points", "points", meaning="with the factor for priority"),
+    "priority_factor": Measure("1", "factor", meaning="what the score is multiplied by"),
+    "duration_s": Measure("s", meaning="from announcement to submission; until 2022 the time taken"),
+    "max_score": Measure("points", meaning="the most the order could have had"),
+    "submitted": Measure("count", meaning="1 where it was handed in, else 0"),
+}
+_OF_TRIAL: Mapping[str, Measure] = {
+    "total": Measure("points", "points", meaning="the printed final score"),
+    "process_time_s": Measure("s", meaning="the printed total process time"),
+    "collisions": Measure("count", best=0.0, meaning="1 where arms collided, else 0"),
+    "dropped": Measure("points", "penalty", meaning="what dropped products cost, as printed"),
+}
 _TOTALS = ("total_order_score", "total_score")
 _COLLISIONS = ("arms_collision", "was_arm_arm_collision")
 
@@ -52,6 +66,7 @@ class OfficialOrderScore:
     """
 
     reads_official = True
+    measures: ClassVar[Mapping[str, Measure]] = _OF_ORDER
 
     requires: tuple[OfOrder, ...] = ("score",)
     priority_factor: float = 3.0
@@ -78,13 +93,11 @@ class OfficialOrderScore:
             # A text may print no score for it.
             quantities = {"score": 0.0} | quantities
             words = f"not handed in by the official text; score {quantities['score']:g}"
-            return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities, units=_units(quantities))
+            return Finding(order.id, Verdict.VIOLATED, words, quantities=quantities)
         missing = [name for name in ("score", *self.requires) if name not in quantities]
         if missing:
             return Finding.inconclusive(order.id, f"the official text does not say its {_words(missing[0])}")
-        return Finding(
-            order.id, Verdict.SATISFIED, _shown(quantities), quantities=quantities, units=_units(quantities)
-        )
+        return Finding(order.id, Verdict.SATISFIED, _shown(quantities), quantities=quantities)
 
     def _quantities(self, order: Order, printed: OfficialOrder) -> dict[str, float]:
         """What is known of the order, by name."""
@@ -133,6 +146,8 @@ class OfficialTrialScore:
         only (2024) has their sum as total.
     """
 
+    measures: ClassVar[Mapping[str, Measure]] = _OF_TRIAL
+
     requires: tuple[OfTrial, ...] = ("total",)
     on_crash: OnCrash = "undecided"
 
@@ -167,9 +182,7 @@ class OfficialTrialScore:
             f"arms collided by the official text; {_shown(quantities)}" if collided else _shown(quantities)
         )
         verdict = Verdict.VIOLATED if collided else Verdict.SATISFIED
-        return Finding(
-            _SUBJECT, verdict, words, quantities=quantities, units=_units(quantities), critical=collided
-        )
+        return Finding(_SUBJECT, verdict, words, quantities=quantities, critical=collided)
 
 
 def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict[str, float]) -> Finding:
@@ -182,7 +195,6 @@ def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict
             Verdict.VIOLATED,
             words,
             quantities=zero,
-            units=_units(zero),
             labels=labels,
             critical=True,
         )
@@ -224,27 +236,10 @@ def _words(quantity: str) -> str:
     return quantity.removesuffix("_s").replace("_", " ")
 
 
-_UNITS = {
-    "score": "points",
-    "total": "points",
-    "max_score": "points",
-    "dropped": "points",
-    "priority_factor": "1",
-    "submitted": "count",
-    "collisions": "count",
-    "duration_s": "s",
-    "process_time_s": "s",
-}
-
-
-def _units(quantities: Mapping[str, float]) -> dict[str, str]:
-    return {name: _UNITS[name] for name in quantities}
-
-
 def _shown(quantities: Mapping[str, float]) -> str:
     """The printed numbers in one line; that it was handed in, the verdict says."""
     return ", ".join(
-        f"{_words(name)} {value:.9g}{' s' if _UNITS[name] == 's' else ''}"
+        f"{_words(name)} {value:.9g}{' s' if name.endswith('_s') else ''}"
         for name, value in quantities.items()
         if name != "submitted"
     )

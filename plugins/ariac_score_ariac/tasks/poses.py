@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Order, Pose, Product, Task, Tray, Trial, WantedProduct, parameter
+from ariac_score import (
+    Finding,
+    Limit,
+    Measure,
+    Order,
+    Pose,
+    Product,
+    Task,
+    Tray,
+    Trial,
+    WantedProduct,
+    parameter,
+)
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -51,6 +63,15 @@ class PoseError:
             abs(delivered.yaw_rad - wanted.yaw_rad),
             wanted.rotation_to(delivered),
         )
+
+
+POSE_MEASURES: Mapping[str, Measure] = {
+    "distance_m": Measure("m", best=0.0, signed=False, meaning="how far from its place"),
+    "quaternion_dot_1": Measure("1", best=1.0, meaning="absolute dot product of the two orientations"),
+    "heading_error_rad": Measure("rad", best=0.0, signed=False, meaning="error of the yaw"),
+    "rotation_rad": Measure("rad", best=0.0, signed=False, meaning="angle of the whole rotation"),
+}
+"""What is measured of a pose against the ordered one, as far as there is a limit for it."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +152,8 @@ class KitPose:
         the limit passing. 2017 to 2022 as documented: within 3 cm and 0.1 rad, from
         2020 on whatever the colour.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 
     max_distance_m: float = parameter(0.03, unit="m", status="")
     min_quaternion_dot: float | None = 0.95
@@ -344,6 +367,8 @@ class TrayRight:
         ARIAC 2022 as coded: 0.10 m and |dot| 0.95. As documented: 0.02 m and 0.1 rad,
         and without a tray a kit is worth nothing.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 
     compare: Literal["type", "pose", "present"] = "type"
     max_distance_m: float = parameter(0.10, unit="m", status="")

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Order, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score import Finding, Measure, Order, SignalNeed, Trial, Verdict, number_of_fact
 
 _KINDS = ("kit", "module", "high_priority")
 _SUBJECT = "run"
-_FACTS = (
-    "duration_s",
-    "time_limit_s",
-    "num_kits",
-    "num_modules",
-    "num_high_priority",
-    "total_cells",
-    "defective_cells",
-    "avg_report_time_s",
-    "num_reports_submitted",
-    "num_correct_reports",
-    "num_correct_report_classifications",
-    "completed",
-    "aborted",
-)
+_FACTS: Mapping[str, Measure] = {
+    "duration_s": Measure("s", meaning="how long the run took"),
+    "time_limit_s": Measure("s", meaning="how long it might have taken"),
+    "num_kits": Measure("count", meaning="kits that were to be handed in"),
+    "num_modules": Measure("count", meaning="modules that were to be handed in"),
+    "num_high_priority": Measure("count", meaning="orders of high priority that were to be handed in"),
+    "total_cells": Measure("count", meaning="cells that were inspected"),
+    "defective_cells": Measure("count", meaning="cells with a defect"),
+    "avg_report_time_s": Measure("s", meaning="mean time of a report; 0 when nothing was reported"),
+    "num_reports_submitted": Measure("count", meaning="reports handed in"),
+    "num_correct_reports": Measure("count", "points", meaning="reports that are right"),
+    "num_correct_report_classifications": Measure("count", "points", meaning="defects named rightly"),
+    "completed": Measure("count", meaning="1 where it is stored as completed, else 0"),
+    "aborted": Measure("count", best=0.0, meaning="1 where it is stored as aborted, else 0"),
+}
 """What the record of a run holds, by the names of the trial's facts."""
+_OF_ORDER: Mapping[str, Measure] = {
+    **{kind: Measure("count", meaning=f"1 for an order of the kind {kind}, else 0") for kind in _KINDS},
+    "announced_s": Measure("s", meaning="when it was announced, s since the start"),
+    "submitted_s": Measure("s", meaning="when it was accepted, s since the start"),
+}
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class RunOrder:
     """
 
     reads_official = True
+    measures: ClassVar[Mapping[str, Measure]] = _OF_ORDER
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for the order."""
@@ -55,14 +61,14 @@ class RunOrder:
         # Type -1 of the database is of no kind: the official sums count types 1 to 3 alone.
         kinds = {kind: float(stored.kind == kind) for kind in _KINDS}
         if not stored.submitted:
-            yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds, units=_units(kinds))
+            yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds)
         elif stored.announced_s is None or stored.submitted_s is None:
             yield Finding.inconclusive(order.id, "the record does not say when it was handed in")
         else:
             times = {"announced_s": stored.announced_s, "submitted_s": stored.submitted_s}
             words = f"announced at {stored.announced_s:.3f} s, accepted at {stored.submitted_s:.3f} s"
             numbers = kinds | times
-            yield Finding(order.id, Verdict.SATISFIED, words, quantities=numbers, units=_units(numbers))
+            yield Finding(order.id, Verdict.SATISFIED, words, quantities=numbers)
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,8 @@ class RunRecord:
         ARIAC 2025, database, tables Run and Trial.
     """
 
-    subjects: ClassVar[tuple[str, ...]] = (_SUBJECT,)
+    measures: ClassVar[Mapping[str, Measure]] = _FACTS
+    also_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 
     unfinished: Literal["undecided", "as_stored"] = "undecided"
 
@@ -112,14 +119,7 @@ class RunRecord:
             verdict = Verdict.VIOLATED if numbers["aborted"] else Verdict.SATISFIED
             ended = "aborted" if numbers["aborted"] else "not finished" if unfinished else "completed"
             words = f"{ended} after {numbers['duration_s']:.3f} s of {numbers['time_limit_s']:g} s"
-            yield Finding(_SUBJECT, verdict, words, quantities=numbers, units=_units(numbers))
-
-
-_TIMES = frozenset({"announced_s", "submitted_s", "duration_s", "time_limit_s", "avg_report_time_s"})
-
-
-def _units(quantities: Iterable[str]) -> dict[str, str]:
-    return {name: "s" if name in _TIMES else "count" for name in quantities}
+            yield Finding(_SUBJECT, verdict, words, quantities=numbers)
 
 
 def _words(name: str) -> str:

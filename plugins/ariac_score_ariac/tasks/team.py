@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, SignalNeed, TeamSetup, Trial, Verdict
+from ariac_score import Finding, Measure, SignalNeed, TeamSetup, Trial, Verdict
 
 _SUBJECT = "team"
+_MEASURES: Mapping[str, Measure] = {
+    "dollars": Measure("dollars", signed=False, meaning="what the sensors cost"),
+    "sensors": Measure("count", meaning="how many sensors the team placed"),
+}
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class SensorCost:
         Rulebooks 2017 to 2025, sensor prices; `free` types are placed without pay,
         `excluded` ones are not for teams, such as `quality_control` in 2017 to 2020.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = _MEASURES
 
     prices: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     take: Literal["recorded_first", "recorded", "configured"] = "recorded_first"
@@ -108,10 +114,10 @@ class SensorCost:
 
 
 def _costs(message: str, dollars: float, team: TeamSetup) -> Finding:
-    quantities, units = {"dollars": dollars}, {"dollars": "dollars"}
+    quantities = {"dollars": dollars}
     if team.sensors is not None:
-        quantities["sensors"], units["sensors"] = float(len(team.sensors)), "count"
-    return Finding(_SUBJECT, Verdict.SATISFIED, message, quantities=quantities, units=units)
+        quantities["sensors"] = float(len(team.sensors))
+    return Finding(_SUBJECT, Verdict.SATISFIED, message, quantities=quantities)
 
 
 def _amount(dollars: float) -> str:

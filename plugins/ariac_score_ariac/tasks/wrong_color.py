@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Order, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Measure, Order, Product, Task, Trial, WantedProduct, parameter
 from ariac_score_ariac.tasks.claims import (
     each_delivered,
 )
@@ -35,6 +35,12 @@ class WrongColorPose:
         ARIAC 2021 finals (a97e234 and later) and 2022 as coded: the loop over wrong
         colours stands inside the loop over exact types. Meant was `once`.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "pairs": Measure("count", best=0.0, meaning="products of wrong colour in the place of a right one"),
+        "groups": Measure("count", meaning="exact ordered types of which a sound product was delivered"),
+        "counted": Measure("count", "points", meaning="how often the simulator counts a pose for them"),
+    }
 
     max_distance_m: float = parameter(0.03, unit="m", status="")
     min_quaternion_dot: float = 0.95
@@ -95,7 +101,4 @@ class WrongColorPose:
                 f"{total} of wrong colour in the place of a right one, {groups} ordered types delivered: "
                 f"counted {counted} times",
             )
-        units = dict.fromkeys(quantities, "count")
-        return Finding(
-            subject, made.verdict, made.message, quantities=quantities, clause=_CLAUSE, units=units
-        )
+        return Finding(subject, made.verdict, made.message, quantities=quantities, clause=_CLAUSE)
