@@ -152,7 +152,7 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = shown.children and all(child.findings for child in shown.children)
+        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
         if depth < deepest and shown.children and not of_findings:
             yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
 

@@ -260,9 +260,10 @@ class Product(Node):
         if isinstance(inner, Product):
             for factor, own in inner.factors.items():
                 self._add(factor, own * power, name if name is not inner else inner.named[factor])
-        elif isinstance(inner, Sum) and len(inner.terms) == 1 and not inner.constant:
+        elif isinstance(inner, Sum) and _is_multiple(inner):
             ((by, only),) = inner.terms
-            self._add(Given(f"{float(by):.9g}", by, len(node.numbers)), power, name)
+            if by != 1:
+                self._add(Given(f"{float(by):.9g}", by, len(node.numbers)), power, name)
             self._take(only, power, only if name is inner else name)
         else:
             self._add(node, power, name)
@@ -341,6 +342,12 @@ class Product(Node):
         for node, amount in amounts.items():
             slopes[node] = _divided(amount, ends[node][1] - ends[node][0])
         return slopes
+
+
+def _is_multiple(node: Sum) -> bool:
+    """Whether a sum is but one number, as `-x` is, and no sum over scopes that happen to be one."""
+    only = node.terms[0][1] if len(node.terms) == 1 and not node.constant else None
+    return only is not None and not (isinstance(only, Named) and only.scope)
 
 
 class Extreme(Node):

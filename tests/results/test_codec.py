@@ -208,7 +208,8 @@ def test_what_is_measured_has_the_stored_digits_before_it_is_stored(result: Resu
     third = 1 / 3
     finding = next(iter(result.measured.findings.values()))
     measured = replace(
-        result.measured, findings={"a#1": replace(finding, robustness=third, quantities={"x_m": third})}
+        result.measured,
+        findings={"a#1": replace(finding, robustness=third, quantities={"x_m": third}, units={})},
     )
 
     assert measured.findings["a#1"].robustness == 0.333333333333

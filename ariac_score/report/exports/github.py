@@ -46,9 +46,9 @@ def _findings(result: Result, verdict: Verdict, command: str) -> Iterator[str]:
     for key, finding in shown:
         time = f", {when(finding)}" if finding.span else ""
         took = cost(key, result)
-        points = f" ({amount_text(took, sign=True)} points)" if took else ""
-        message = f"{cut(finding.subject, 200)}{time}: {cut(finding.message)}{points}"
-        yield _command(command, f"{finding.check} {verdict.value} ({key})", message)
+        points = f", {amount_text(took, sign=True)} points" if took else ""
+        message = f"{cut(finding.subject, 200)}{time}: {cut(finding.message)}"
+        yield _command(command, f"{finding.check} {verdict.value} ({key}{points})", message)
     if len(found) > len(shown):
         yield _command(command, name(result), f"{len(found) - len(shown)} more are {verdict.value}")
 

@@ -33,6 +33,7 @@ class Step:
         left: Where its bar begins, percent of the width.
         width: How long its bar is, percent of the width.
         findings: Ids of the findings it rests on, the worst first.
+        order: The order it belongs to; empty for the trial.
     """
 
     label: str
@@ -43,11 +44,7 @@ class Step:
     left: float
     width: float
     findings: tuple[str, ...]
-
-    @property
-    def order(self) -> str:
-        """The order it belongs to; empty for the trial."""
-        return self.where.partition("/")[0] or (self.label if self.path.endswith(f"/{self.label}") else "")
+    order: str = ""
 
     @property
     def after(self) -> Decimal:
@@ -100,6 +97,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 100 * float(start - low) / room,
                 100 * abs(float(line.amount)) / room,
                 _worst_first(line, findings),
+                (line.subject or _where(line)).partition("/")[0],
             )
         )
     start = min(Decimal(0), ledger.amount)  # a negative score is a bar to the left of zero
