@@ -372,6 +372,7 @@ class _Pieces:
             self.caps[node] = self.caps.get(node, 0) + back
         self.amounts: dict[str, _Rate] = {}
         labels: dict[str, str] = {}
+        hidden: dict[str, str] = {}
         for leaf in (node for node in _nodes(self.tree) if isinstance(node, Leaf)):
             for part in leaf.parts:
                 if by := part.by[TAKEN]:
@@ -381,13 +382,17 @@ class _Pieces:
                         before.nominal + nominal.slopes.get(leaf, 0) * by,
                     )
                     labels.setdefault(part.key, leaf.label)
+                    if leaf in effective.hidden:
+                        hidden.setdefault(part.key, effective.hidden[leaf])
         groups: dict[str, list[_Piece]] = {}
         for key, amounts in self.amounts.items():
             finding = self.findings.get(key)
             if finding is None:
                 groups[key] = [_Piece(labels[key], *amounts, "taken", slug=key)]
             elif any(amounts):
-                groups.setdefault(finding.check, []).append(self._of(key, finding, amounts, "taken"))
+                piece = self._of(key, finding, amounts, "taken")
+                piece.reason = "" if amounts.effective else hidden.get(key, _CANCELLED)
+                groups.setdefault(finding.check, []).append(piece)
                 self.told.add(key)
         pieces = []
         for check, made in groups.items():
