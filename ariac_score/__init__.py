@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Decoder,
         EventMonitor,
         EventWatch,
+        FactSchemas,
         InstantVerdict,
         Likeness,
         LogDescription,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from ariac_score.documents.yaml import YamlDocument, load_yaml
     from ariac_score.engine.measure import measure_trial
     from ariac_score.engine.price import price_trial, reprice
-    from ariac_score.engine.score import score_trial
+    from ariac_score.engine.score import open_trial, score_trial
     from ariac_score.errors import (
         DataFileError,
         FormulaError,
@@ -133,6 +134,7 @@ _MODULE_OF = {
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
     "DerivedSignal": "ariac_score.trial.derive",
+    "FactSchemas": "ariac_score.checks.contracts",
     "Entry": "ariac_score.ranking.evaluation",
     "Evaluation": "ariac_score.ranking.evaluation",
     "Event": "ariac_score.trial.events",
@@ -217,6 +219,7 @@ _MODULE_OF = {
     "load_rule_set": "ariac_score.scoring.ruleset",
     "load_yaml": "ariac_score.documents.yaml",
     "measure_trial": "ariac_score.engine.measure",
+    "open_trial": "ariac_score.engine.score",
     "parameter": "ariac_score.checks.parameters",
     "parameter_facts": "ariac_score.checks.parameters",
     "plain": "ariac_score.terminal.style",
@@ -255,6 +258,7 @@ __all__ = [
     "EventWatch",
     "Expression",
     "Fact",
+    "FactSchemas",
     "FaultMarks",
     "Finding",
     "FloatArray",
@@ -332,6 +336,7 @@ __all__ = [
     "load_yaml",
     "measure_trial",
     "number_of_fact",
+    "open_trial",
     "parameter",
     "parameter_facts",
     "plain",

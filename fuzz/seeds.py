@@ -261,6 +261,7 @@ _RULES = """id: small
 title: small rules
 source: made for fuzzing
 log_map: ariac2020
+competition: {use: ariac}
 rules: {pose: {use: kitting.pose, with: {max_distance_m: 0.03}}}
 monitors:
   separation: {use: stl.formula, with: {formula: always d > 1, signals: {d: centre_distance in m}}}

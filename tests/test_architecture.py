@@ -47,7 +47,7 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "documents": {"jsonschema", "yaml"},
     "terminal": {"rich"},
     "installed": set[str](),
-    "trial": {"numpy"},
+    "trial": {"numpy", "pandas"},
     "checks": {"numpy"},
     "scoring": {"msgspec", "numpy", "yaml"},
     "logs": {"backports", "cramjam", "lz4", "numpy", "rosbags", "yaml"},

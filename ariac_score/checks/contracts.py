@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.documents.schema import refuse_no_schema
 from ariac_score.trial.channels import KitMap, LogMap
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.derive import DerivedSignal
@@ -32,6 +33,7 @@ __all__ = [
     "Decoder",
     "EventMonitor",
     "EventWatch",
+    "FactSchemas",
     "HoldsRuns",
     "InstantVerdict",
     "KitFinder",
@@ -472,6 +474,34 @@ class ReportPanel:
     template: str
 
 
+@dataclass(frozen=True)
+class FactSchemas:
+    """What facts a competition has: entry-point group `ariac_score.fact_schemas`, under its name.
+
+    A trial that is read for a rule set of that competition is held against them.
+
+    Attributes:
+        levels: By level of work, `trial` for the trial itself, a JSON schema (2020-12) of its facts: an
+            object of numbers, texts and null for what is known to be absent. Levels without one may have
+            any facts.
+
+    Raises:
+        ValueError: One of them is no such schema, or refers to another document.
+
+    >>> FactSchemas({"object": {"required": ["difficulty"]}}).levels["object"]["required"]
+    ['difficulty']
+    """
+
+    levels: Mapping[str, Mapping[str, Any]]
+
+    def __post_init__(self) -> None:
+        for level, schema in self.levels.items():
+            try:
+                refuse_no_schema(schema)
+            except ValueError as cause:
+                raise ValueError(f"the schema of level {level!r}: {cause}") from None
+
+
 GROUPS: Mapping[str, type] = {
     "ariac_score.rules": Rule,
     "ariac_score.monitors": Monitor,
@@ -485,6 +515,7 @@ GROUPS: Mapping[str, type] = {
 VALUE_GROUPS: Mapping[str, type] = {
     "ariac_score.quantities": Quantity,
     "ariac_score.derived_signals": DerivedSignal,
+    "ariac_score.fact_schemas": FactSchemas,
     "ariac_score.report_panels": ReportPanel,
     "ariac_score.ranking_policies": Callable,  # type: ignore[dict-item]  # from scores to one
     "ariac_score.exports": Callable,  # type: ignore[dict-item]  # from a result to its text

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import linecache
 import os
 import re
 import sys
@@ -306,10 +307,30 @@ def _refuse_neighbour(name: str, plugin: LocalPlugin) -> None:
         )
 
 
+def _text_around_methods(kind: type) -> str:
+    """The text of a class by where its methods were written; empty where that is unknown."""
+    for method in vars(kind).values():
+        code = getattr(inspect.unwrap(method), "__code__", None) if callable(method) else None
+        lines = linecache.getlines(code.co_filename) if code else []
+        try:
+            tree = ast.parse("".join(lines))
+        except SyntaxError:  # a cell with commands of the notebook
+            continue
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ClassDef) or node.name != kind.__name__ or code is None:
+                continue
+            if node.lineno <= code.co_firstlineno <= (node.end_lineno or 0):
+                first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
+                return textwrap.dedent("".join(lines[first - 1 : node.end_lineno]))
+    return ""
+
+
 def _source_sha256(kind: type) -> str:
     """Hash of the text of a class; empty where Python has none."""
     try:
         text = textwrap.dedent(inspect.getsource(kind))
-    except (OSError, TypeError):  # typed at a prompt, or made by a program
+    except (OSError, TypeError):  # a cell of a notebook: Python looks for classes in files alone
+        text = _text_around_methods(kind)
+    if not text:
         return ""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -95,7 +95,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
                 registry,
                 quantities=[*QUANTITIES, *mapping.quantities],
                 progress=progress,
-                orders=prepared is not None and prepared.rule_set.about_orders,
+                orders=prepared is not None and prepared.rule_set.about_work,
             )
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]

@@ -169,12 +169,12 @@ def run_check(arguments: argparse.Namespace) -> int:
         print(f"{plugin.origin}: {len(checks)} checks on {what}")
         for check in checks:
             try:
-                check()
+                unseen = check.run()
             except ScoreError as error:
                 _outcome(check.name, error)
                 code = EXIT_BROKEN
             else:
-                print(f"  kept    {check.name:<24} {check.about}")
+                print(f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}")
     return code
 
 

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from jsonschema import Draft202012Validator
+from jsonschema.exceptions import SchemaError
 
 from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import DataFileError, did_you_mean
 
-__all__ = ["schema", "schema_errors", "shipped_data", "strict_json", "validate"]
+__all__ = [
+    "refuse_no_schema",
+    "schema",
+    "schema_errors",
+    "shipped_data",
+    "strict_json",
+    "validate",
+    "value_errors",
+]
 
 
 def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
@@ -66,10 +75,44 @@ def _validator(name: str, definition: str) -> Draft202012Validator:
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
     """The faults of a value by a schema: for each its path, the cause and the remedy."""
-    faults = [_deepest(fault) for fault in _validator(name, definition).iter_errors(data)]
+    return _faults(_validator(name, definition), data)
+
+
+def _faults(validator: Draft202012Validator, data: Any) -> list[tuple[Place, str, str]]:
+    faults = [_deepest(fault) for fault in validator.iter_errors(data)]
     described = [(fault.validator == "required", _description(fault)) for fault in faults]
     # Missing keys last: most often the key is there, misspelt, and its own fault says so better.
     return [fault for _, fault in sorted(described, key=lambda one: (one[0], [str(p) for p in one[1][0]]))]
+
+
+def value_errors(data: Any, own: Mapping[str, Any]) -> list[tuple[Place, str, str]]:
+    """The faults of a value by a schema that is none of ours, as `schema_errors` gives them.
+
+    >>> value_errors({"kind": 3}, {"properties": {"kind": {"type": "string"}}})
+    [(('kind',), "3 is not of type 'string'", 'give a string')]
+    """
+    return _faults(Draft202012Validator(own), data)
+
+
+def refuse_no_schema(own: Mapping[str, Any]) -> None:
+    """Refuse what is no JSON schema (2020-12), or would look for another one elsewhere.
+
+    Raises:
+        ValueError: Saying why.
+    """
+    try:
+        Draft202012Validator.check_schema(own)
+    except SchemaError as cause:
+        raise ValueError(f"no JSON schema: {cause.message}") from None
+    todo: list[Any] = [own]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, Mapping):
+            if not str(part.get("$ref", "#")).startswith("#"):
+                raise ValueError(f"a schema stands alone, and this one refers to {part['$ref']!r}")
+            todo += part.values()
+        elif isinstance(part, list | tuple):
+            todo += part
 
 
 def _deepest(fault: Any) -> Any:

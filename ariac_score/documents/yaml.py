@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from ariac_score.documents.given import path_of
 from ariac_score.errors import DataFileError
 
 __all__ = ["Place", "RepeatedKey", "YamlDocument", "is_there", "load_yaml", "parse_yaml", "read_text"]
@@ -105,7 +107,7 @@ def is_there(path: Path) -> bool:
 
 
 def load_yaml(
-    path: Path,
+    path: str | PathLike[str],
     *,
     error: type[DataFileError] = DataFileError,
     max_bytes: int = MAX_BYTES,
@@ -124,6 +126,7 @@ def load_yaml(
         DataFileError: (or `error`) missing, too large, not UTF-8, malformed, two
             documents, a duplicate key, or nested or aliased beyond the limits.
     """
+    path = path_of(path)
     raw = read_text(path, error=error, max_bytes=max_bytes)
     return parse_yaml(raw, file=str(path), error=error, may_repeat=may_repeat)
 

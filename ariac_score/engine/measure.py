@@ -8,14 +8,17 @@ from types import MappingProxyType
 from typing import Any
 
 from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.finding_contract import watched_in
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import measures_of
+from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask, charts_of
-from ariac_score.engine.prepared import Prepared
-from ariac_score.errors import LogError
+from ariac_score.engine.prepared import Prepared, Rules, prepare
+from ariac_score.errors import LogError, RuleSetError
 from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
-from ariac_score.scoring.ruleset import Check
+from ariac_score.scoring.levels import TRIAL
+from ariac_score.scoring.ruleset import Check, RuleSet
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.model import Trial
@@ -27,19 +30,25 @@ from ariac_score.trial.work import Fact, WorkItem, announced_s
 __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
 
 
-def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = None) -> Measured:
+def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) -> Measured:
     """Run every check on a trial.
 
     Args:
-        trial: With the derived signals.
-        prepared: The rule set, with its checks.
+        trial: With the derived signals, as `open_trial` gives it.
+        rules: A rule set, its name or path; or prepared already (`prepare`).
         known: A result whose findings hold for this trial; checks that it has are not run.
 
     Raises:
         PluginError: A plugin raised, or yielded nothing or something else.
         LogError: A signal is recorded in another unit than a check reads it in.
+        RuleSetError: The trial has work of a level that the rule set does not declare, or a check asks
+            for a quantity that nobody knows.
     """
+    refuse_other(trial, Trial, "a trial", "open_trial(path, rules) reads one")
+    prepared = prepare(rules)
     findings: dict[str, Finding] = {}
+    # A misspelt quantity is not one that the log happens to lack.
+    prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.signals.values()})
     for name, each in prepared.checks.items():
         _refuse_recorded_units(trial, name, each.needs)
         wanted = prepared.rule_set.checks[name]
@@ -53,7 +62,7 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
     return Measured(
         trial=trial.id,
         findings=findings,
-        scopes=_scopes(trial),
+        scopes=_scopes(trial, prepared.rule_set),
         window=trial.window,
         orders={item.id: announced_s(item) for item in trial.work},
         coverage=tuple(_coverage(signal, trial.window) for signal in trial.signals.values()),
@@ -63,6 +72,7 @@ def measure_trial(trial: Trial, prepared: Prepared, *, known: Result | None = No
         clock=trial.clock,
         official=trial.official,
         team=trial.team.name if trial.team else "",
+        watched=watched_in(trial),
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
@@ -136,19 +146,48 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     return sketch_of(trial, charts, moments)
 
 
-def _scopes(trial: Trial) -> Scope:
+def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
+    """The work of a trial as its rule set prices it.
+
+    Raises:
+        RuleSetError: The rule set prices work, and does not declare a level that the trial has, or in
+            another order.
+    """
     index = _announced_as(trial)
     outermost = tuple(_scope(item, "", {"index": index[item.id]}) for item in trial.work)
-    whole: dict[str, Fact] = {"duration_s": canonical(trial.duration_s), "orders": len(outermost)}
-    return Scope("trial", "", whole, outermost)
+    whole: dict[str, Fact] = {"orders": len(outermost), "duration_s": canonical(trial.duration_s)}
+    # Of the trial only what formulas may name: a record may state a hundred numbers.
+    declared = rule_set.sheet.facts_of(TRIAL).keys() - whole.keys()
+    whole |= {name: trial.facts[name] for name in sorted(declared & trial.facts.keys())}
+    scopes = Scope(TRIAL, "", whole, outermost)
+    if rule_set.sheet.levels != (TRIAL,):
+        _refuse_other_levels(scopes, rule_set)
+    return scopes
 
 
 def _scope(item: WorkItem, inside: str, facts: Mapping[str, Fact] = MappingProxyType({})) -> Scope:
     """The scope of an item, with those of the items inside it."""
     path = f"{inside}/{item.id}" if inside else item.id
     return Scope(
-        item.level, path, {**item.facts, **facts}, tuple(_scope(inner, path) for inner in item.items)
+        item.level, path, {**facts, **item.facts}, tuple(_scope(inner, path) for inner in item.items)
     )
+
+
+def _refuse_other_levels(scope: Scope, rule_set: RuleSet) -> None:
+    """Refuse work that no formula could reach: sums over it would be 0, as if there were none."""
+    levels = rule_set.sheet.levels
+    for inner in scope.inner:
+        if inner.level not in levels[: levels.index(scope.level)]:
+            known = inner.level in levels
+            raise RuleSetError(
+                f"{inner.path!r} of level {inner.level!r} lies inside a {scope.level}, which it cannot"
+                if known
+                else f"the trial has {inner.path!r} of level {inner.level!r}, which is not declared",
+                file=rule_set.file,
+                place="$.levels",
+                hint=f"levels from the inside out, as declared: {', '.join(levels)}",
+            )
+        _refuse_other_levels(inner, rule_set)
 
 
 def _announced_as(trial: Trial) -> dict[str, int]:

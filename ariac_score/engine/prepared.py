@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,8 +10,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import SignalNeed
+from ariac_score.checks.contracts import FactSchemas, SignalNeed
+from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
@@ -24,7 +26,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
 from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
 
-__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare", "rule_set_of"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class Prepared:
         registry: The installed plugins.
         checks: By name, in the order of the rule set.
         derivers: How plugins compute quantities that checks need, by quantity.
+        fact_schemas: What facts its competition has, and who says so; `None` where nobody does.
         competition: The competition that the rule set names; `None` when it names none.
     """
 
@@ -63,6 +66,7 @@ class Prepared:
     checks: Mapping[str, PreparedCheck]
     competition: PreparedCheck | None = None
     derivers: Mapping[str, Deriver] = field(default_factory=dict)
+    fact_schemas: tuple[Plugin, FactSchemas] | None = None
 
     @property
     def plugins(self) -> tuple[Plugin, ...]:
@@ -75,6 +79,7 @@ class Prepared:
         ]
         used = [each.plugin for each in (*self.checks.values(), *named)]
         used += [deriver.plugin for deriver in self.derivers.values()]
+        used += [self.fact_schemas[0]] if self.fact_schemas else []
         return (*used, *declared, *self._data_plugins)
 
     @property
@@ -136,17 +141,34 @@ class Prepared:
         """The same with only some of its checks."""
         return replace(self, checks={name: self.checks[name] for name in names})
 
-    def refuse_unknown_quantities(self) -> None:
-        """Refuse monitors that need unknown quantities, before a log is read.
+    def refuse_unmeasured(self) -> None:
+        """Refuse formulas that price a quantity which their check does not measure.
 
-        Scoring does not call this: a log may measure quantities that its map does not declare.
+        Raises:
+            RuleSetError: Naming the check and the quantity.
+        """
+        for function, name, quantity, formula in self.rule_set.sheet.priced_quantities:
+            declared = measures_of(self.checks[name].check) if name in self.checks else {}
+            if name in self.checks and quantity not in declared:
+                raise RuleSetError(
+                    f"{function}() prices the quantity {quantity!r}, which check {name!r} does not measure",
+                    file=self.rule_set.file,
+                    place=formula.where,
+                    hint=did_you_mean(quantity, declared, what=f"quantities of {name}"),
+                )
+
+    def refuse_unknown_quantities(self, recorded: Container[str] = ()) -> None:
+        """Refuse monitors that need quantities which neither the vocabulary nor the log map knows.
+
+        Args:
+            recorded: Quantities that the log has; it may measure what its map does not declare.
 
         Raises:
             RuleSetError: Naming the check and the quantity.
         """
         for name, each in self.checks.items():
             for need in each.needs:
-                if self._measured(need.quantity) is None:
+                if self._measured(need.quantity) is None and need.quantity not in recorded:
                     known = [*QUANTITIES, *self.log_map.quantities]
                     raise RuleSetError(
                         f"check {name!r} asks for the quantity {need.quantity!r}, which is unknown",
@@ -189,6 +211,17 @@ Rules = str | PathLike[str] | RuleSet | Prepared
 """A rule set: its name, the path of its file, itself, or prepared already."""
 
 
+def rule_set_of(rules: Rules, registry: Registry | None = None) -> RuleSet:
+    """The rule set that is given in one of these ways.
+
+    Raises:
+        ScoreError: It is given in none of them, or cannot be loaded.
+    """
+    if isinstance(rules, Prepared):
+        return rules.rule_set
+    return rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+
+
 def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None) -> Prepared:
     """Build the checks of a rule set, collect what they need, and load its log map.
 
@@ -203,7 +236,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     if isinstance(rules, Prepared):
         return rules
     registry = registry or Registry()
-    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules, registry)
+    rule_set = rule_set_of(rules, registry)
     checks = {}
     for name, check in rule_set.build(registry).items():
         plugin = rule_set.plugin(name, registry)
@@ -211,7 +244,12 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
     prepared.refuse_other_units()  # before a log is read, which may take minutes
-    return replace(prepared, derivers=derivers_of(prepared.quantities, registry))
+    prepared.refuse_unmeasured()
+    return replace(
+        prepared,
+        derivers=derivers_of(prepared.quantities, registry),
+        fact_schemas=fact_schemas_of(rule_set.competition.use, registry) if rule_set.competition else None,
+    )
 
 
 def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ariac_score.checks.findings import Finding
+from ariac_score.documents.given import refuse_other
 from ariac_score.engine.measure import stored_findings, stored_name
+from ariac_score.engine.prepared import Rules, rule_set_of
 from ariac_score.engine.provenance import engine_code
 from ariac_score.errors import FormulaError, RuleSetError
 from ariac_score.results.result import CheckUse, Code, Measured, Pinned, Provenance, Result, Settings
@@ -77,16 +79,24 @@ def check_uses(rule_set: RuleSet) -> dict[str, CheckUse]:
     }
 
 
-def reprice(result: Result, rule_set: RuleSet, cohort: CohortValues | None = None) -> Result:
+def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None) -> Result:
     """Price a stored result under another rule set, or with a cohort, without its log.
 
     The checks of the rule set must be among those that were measured: same plugin,
     same parameters, whatever they are called.
 
+    Args:
+        result: The stored result.
+        rule_set: A rule set, its name or the path of its file.
+        cohort: Values across teams, where there are any.
+
     Raises:
         RuleSetError: A check was not measured; the message names it.
         FormulaError: A formula has no value here.
+        UsageError: It is given something else.
     """
+    refuse_other(result, Result, "a result", "score_trial and load_result give one")
+    rule_set = rule_set_of(rule_set)
     findings: dict[str, Finding] = {}
     known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}

@@ -9,6 +9,7 @@ from pathlib import Path
 from ariac_score.checks.contracts import Competition, Decoder, KitFinder, Likening, Reader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.facts import refuse_other_facts
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import (
     DataFileError,
@@ -229,7 +230,7 @@ def read_needed(
         LogError: A part is damaged, or two parts contradict each other.
         NothingToScoreError: There is no record of a trial, or no order where the rules are about orders.
     """
-    return read_trial(
+    trial = read_trial(
         bundle,
         readers,
         prepared.log_map,
@@ -237,8 +238,12 @@ def read_needed(
         quantities=prepared.sources,
         progress=progress,
         jobs=jobs,
-        orders=prepared.rule_set.about_orders if orders is None else orders,
+        orders=prepared.rule_set.about_work if orders is None else orders,
     )
+    if prepared.fact_schemas is not None:
+        plugin, schemas = prepared.fact_schemas
+        refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)
+    return trial
 
 
 def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], KitFinder | None]:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 
+from ariac_score.checks.contracts import Reader
 from ariac_score.checks.guarded import open_readers
 from ariac_score.checks.local import allowing
 from ariac_score.checks.registry import Registry
-from ariac_score.documents.given import path_of
+from ariac_score.documents.given import name_or_path, path_of
 from ariac_score.engine.measure import measure_trial, sketch_trial
 from ariac_score.engine.prepared import Rules, prepare
 from ariac_score.engine.price import price_trial
@@ -23,17 +24,81 @@ from ariac_score.engine.read import (
     find_trial,
     no_progress,
     read_needed,
+    read_trial,
     refuse_other_years,
     with_names,
     with_unknown_products,
 )
 from ariac_score.engine.settings import settings_of
-from ariac_score.errors import LogError
+from ariac_score.errors import LogError, UsageError
 from ariac_score.logs.bundle import Bundle, with_parts
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.results.result import Result
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.model import Trial
+from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["check_configuration", "score_trial"]
+__all__ = ["check_configuration", "open_trial", "score_trial"]
+
+
+def open_trial(
+    path: str | PathLike[str],
+    rules: Rules | None = None,
+    *,
+    log_map: str | PathLike[str] = "",
+    local_plugins: bool | Mapping[str, str] = False,
+) -> Trial:
+    """The trial at a path, as checks see it: signals as arrays with units, bodies, events, work, facts.
+
+    Args:
+        path: A log, a rosbag2 folder, a bundle folder, or a `bundle.yaml`.
+        rules: A rule set, its name or the path of its file. Its log map says which topic is which signal,
+            and what its checks need is derived: speeds, distances. Without it nothing is derived.
+        log_map: Log map to use instead of the rule set's own, or without one.
+        local_plugins: As for `score_trial`.
+
+    Raises:
+        UsageError: The log has topics, and neither rules nor a log map say what they mean.
+        ScoreError: The log cannot be read.
+
+    >>> trial = open_trial("examples/kitting_near_miss.mcap", "paper2020")
+    >>> trial.signals["centre_distance/robot/human"].unit, round(trial.duration_s, 1)
+    ('m', 37.5)
+    """
+    path = path_of(path, "the path of a log")
+    registry = Registry(allowing(local_plugins))
+    instead = name_or_path(log_map, "the name or path of a log map")
+    prepared = None if rules is None else prepare(rules, log_map=instead, registry=registry)
+    if prepared is not None:
+        mapping = prepared.log_map
+    else:
+        mapping = load_log_map(instead, registry=registry) if instead else LogMap("none")
+    bundle, readers = find_trial(path, registry)
+    needed = prepared.sources if prepared else ()
+    trial = read_trial(
+        bundle,
+        readers,
+        mapping,
+        registry,
+        quantities=[*QUANTITIES, *mapping.quantities, *needed],
+        orders=False,
+    )
+    if prepared is None and not instead and not trial.signals:
+        _refuse_topics(bundle, readers)
+    return prepared.derived(trial) if prepared else trial
+
+
+def _refuse_topics(bundle: Bundle, readers: Mapping[str, Reader]) -> None:
+    """Refuse to hand out a recording without any signal, because nothing says what its topics mean."""
+    for part in bundle.parts:
+        topics = [topic.name for topic in readers[part.reader].describe(part.path).topics]
+        if topics:
+            raise UsageError(
+                f"nothing says which of its topics is which signal: {', '.join(topics[:5])}",
+                file=part.path,
+                hint="give the rules or the log map of its competition: rules=…, log_map=…",
+            )
 
 
 def score_trial(
@@ -79,7 +144,7 @@ def score_trial(
     """
     path = path_of(path, "the path of a log")
     registry = registry or Registry(allowing(local_plugins))
-    prepared = prepare(rules, log_map=fspath(log_map), registry=registry)
+    prepared = prepare(rules, log_map=name_or_path(log_map), registry=registry)
     rule_set, registry = prepared.rule_set, prepared.registry
     bundle, readers = find_trial(path, registry)
     elsewhere = [path_of(one, "the path of a configuration") for one in also]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections import ChainMap
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from ariac_score.checks.registry import Registry
+from ariac_score.documents.given import name_or_path
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import LogMapError, PluginNotFoundError, did_you_mean
@@ -42,11 +44,13 @@ def is_log_map_file(name: str) -> bool:
     return name.endswith((".yaml", ".yml")) or "/" in name
 
 
-def load_log_map(name: str, *, beside: Path | None = None, registry: Registry | None = None) -> LogMap:
+def load_log_map(
+    name: str | PathLike[str], *, beside: Path | None = None, registry: Registry | None = None
+) -> LogMap:
     """Load an installed log map by name, or one from a file by its path, with what it extends.
 
     Args:
-        name: Such as `ariac2020`, or a path ending in `.yaml`.
+        name: Such as `ariac2020`, or a path: text ending in `.yaml`, or any `Path`.
         beside: Folder that a relative path starts from; by default the current one.
         registry: What is installed, where the caller has it already.
 
@@ -56,6 +60,7 @@ def load_log_map(name: str, *, beside: Path | None = None, registry: Registry | 
         PluginError: Two distributions bring it, or its entry point leads nowhere.
     """
     registry = registry or Registry()
+    name = name_or_path(name, "the name or path of a log map")
     return _parsed(_expanded(_path_of(name, beside or Path(), registry), (), registry))
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+from ariac_score.documents.given import path_of
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.folder import FolderScan
@@ -33,7 +35,9 @@ class RecordedMessage(NamedTuple):
     fields: dict[str, Any]
 
 
-def read_messages(path: Path, *, kind: RecordingKind | None = None) -> Iterator[RecordedMessage]:
+def read_messages(
+    path: str | PathLike[str], *, kind: RecordingKind | None = None
+) -> Iterator[RecordedMessage]:
     """The messages of a recording, in recorded order.
 
     Args:
@@ -43,6 +47,7 @@ def read_messages(path: Path, *, kind: RecordingKind | None = None) -> Iterator[
     Raises:
         LogError: The recording is damaged, or a message cannot be decoded.
     """
+    path = path_of(path, "the path of a recording")
     decoders: dict[Connection, Decode] = {}
     connection = None
     try:

@@ -9,11 +9,12 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 from typing import Annotated
 
 from msgspec import Meta
 
+from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
 from ariac_score.results.codec import Format, plain
 from ariac_score.results.result import Measured, Pinned, Sha256
@@ -154,12 +155,14 @@ def _means(term: CohortTerm, teams: Sequence[Contributed]) -> dict[str, CohortMe
 # The file ------------------------------------------------------------------------------
 
 
-def load_cohort(path: Path, rule_set: RuleSet) -> Cohort:
+def load_cohort(path: str | PathLike[str], rule_set: RuleSet) -> Cohort:
     """Read a published cohort for pricing under a rule set.
 
     Raises:
         DataFileError: Missing, not a cohort, edited, or made under other rules.
     """
+    path = path_of(path, "the path of a cohort")
+    refuse_other(rule_set, RuleSet, "a rule set", "load_rule_set(name) gives one")
     cohort = COHORT.read(path)
     if cohort.rule_set != Pinned(rule_set.id, rule_set.sha256):
         raise DataFileError(

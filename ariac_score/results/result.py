@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -12,12 +13,14 @@ from msgspec import Meta, Struct
 from ariac_score.checks.findings import SIGNIFICANT_DIGITS, Finding, canonical, canonical_span, settled
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import ResultError
+from ariac_score.results.notebook import result_html
 from ariac_score.results.sketch import Sketch
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
+from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
 
@@ -152,6 +155,8 @@ class Measured:
             influence on prices.
         measures: Unit, role and best value of each quantity by check, as its plugin declares them: what a
             ledger compares with. Empty in results of versions that kept none.
+        watched: From the first to the last time that the logs tell of, s of trial time: no finding lies
+            outside. `None` where they tell of none, and in results of versions that did not keep it.
     """
 
     trial: str
@@ -169,6 +174,7 @@ class Measured:
     sketch: Sketch | None = None
     settings: Mapping[str, Settings] | None = None
     measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=dict)
+    watched: Span | None = None
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -176,6 +182,7 @@ class Measured:
             "findings": {key: settled(finding) for key, finding in self.findings.items()},
             "scopes": _settled_scope(self.scopes),
             "window": None if self.window is None else canonical_span(self.window),
+            "watched": None if self.watched is None else canonical_span(self.watched),
             "orders": {key: None if t_s is None else canonical(t_s) for key, t_s in self.orders.items()},
             "coverage": tuple(
                 replace(c, rate_hz=canonical(c.rate_hz), largest_gap_s=canonical(c.largest_gap_s))
@@ -191,6 +198,34 @@ class Measured:
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
+
+    def to_frame(self) -> Any:
+        """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.
+
+        The units of quantities are in `attrs["units"]`; where a finding lacks one, there is NaN.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        found = list(self.findings.values())
+        names = dict.fromkeys(name for finding in found for name in finding.quantities)
+        units = {name: unit for finding in found for name, unit in finding.units.items()}
+        columns = {
+            "id": list(self.findings),
+            "check": [finding.check for finding in found],
+            "subject": [finding.subject for finding in found],
+            "verdict": [finding.verdict.value for finding in found],
+            "start_s": [finding.span.start_s if finding.span else math.nan for finding in found],
+            "end_s": [finding.span.end_s if finding.span else math.nan for finding in found],
+            "robustness": [math.nan if f.robustness is None else f.robustness for f in found],
+            "unit": [finding.unit for finding in found],
+            "message": [finding.message for finding in found],
+            **{
+                f"quantities.{name}": [finding.quantities.get(name, math.nan) for finding in found]
+                for name in names
+            },
+        }
+        return frame(columns, index="id", units={f"quantities.{name}": u for name, u in units.items()})
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""
@@ -301,6 +336,22 @@ class Result:
     def automatic(self) -> Result:
         """The result without the decisions of stewards."""
         return replace(self, adjusted=None)
+
+    @property
+    def findings(self) -> Mapping[str, Finding]:
+        """What the checks found, by id such as `separation#1`."""
+        return self.measured.findings
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the score, the lines right below it, and what was violated."""
+        kind = self.status if self.score is None else "scored"
+        return result_html(
+            f"{self.measured.trial} under {self.provenance.rule_set.id}: {kind}",
+            self.final,
+            self.possible,
+            self.ledger,
+            self.findings,
+        )
 
     @property
     def final(self) -> Decimal | None:

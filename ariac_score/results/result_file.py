@@ -7,12 +7,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from ariac_score.checks.findings import POINTS
+from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.adjustments import apply, check_targets
 from ariac_score.results.codec import Format, as_text, encodable, plain
@@ -42,6 +44,7 @@ def as_json(result: Result) -> str:
     Raises:
         ResultError: The ledger does not add up to the score.
     """
+    refuse_other(result, Result, "a result", "score_trial and load_result give one")
     if result.ledger is not None and result.score is not None:
         reconcile(result.ledger, result.score, digits=result.digits)
     return RESULT.text(result)
@@ -281,7 +284,7 @@ def _priced(data: dict[str, Any], digits: int) -> dict[str, Any]:
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
     """`result/2` as `result/3`: its ledger stays as the former method took it apart."""
-    if "ledger_method" in data or "measures" in data["measured"]:
+    if "ledger_method" in data or data["measured"].keys() & {"measures", "watched"}:
         raise ValueError("keys that `result/2` did not have")
     return {**data, "ledger_method": SEQUENCE}
 
@@ -301,7 +304,7 @@ RESULT = Format(
 # Reading -------------------------------------------------------------------------------
 
 
-def load_result(path: Path, *, known: bool = False) -> Result:
+def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
     """Read a stored result and check that it is whole.
 
     Args:
@@ -313,6 +316,7 @@ def load_result(path: Path, *, known: bool = False) -> Result:
         ResultError: Missing, not JSON, no result, its ledger does not add
             up to its score, or the score does not follow from its findings.
     """
+    path = path_of(path, "the path of a stored result")
     result = read_result(path, known=known)
     try:
         check_follows(result)

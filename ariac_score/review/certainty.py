@@ -53,7 +53,7 @@ class Certain:
         trial = branch(self.measured.scopes, path)
         if trial is None:
             return Value(reason="what was ordered there is not recorded")
-        if not self.timed and _DURATION in self.rule_set.sheet.facts(formula, level):
+        if not self.timed and _DURATION in self.rule_set.sheet.facts_in(formula, level):
             return Value(reason="the log does not show when the competition began and ended")
         try:
             traced = self.rule_set.sheet.evaluate_in(formula, trial, self.measured.findings, level=level)[

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
+from ariac_score.scoring.levels import TRIAL
 from ariac_score.scoring.ruleset import RuleDifference, RuleSet, installed_rule_sets
-from ariac_score.scoring.scope import LEVELS, Level, Scope, is_inside
+from ariac_score.scoring.scope import Level, Scope, is_inside
 
 __all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
 
@@ -26,7 +27,7 @@ class Undecided:
     """One term that is undecided under one of two rule sets.
 
     Attributes:
-        level: One of `LEVELS`.
+        level: One of the levels of the rule sets.
         path: Path of the scope; empty for the trial.
         term: Its name.
         reason: Why it is undecided.
@@ -43,7 +44,7 @@ class Change:
     """One term with another value under the second rule set.
 
     Attributes:
-        level: One of `LEVELS`.
+        level: One of the levels of the rule sets.
         path: Path of the scope; empty for the trial.
         term: Its name; `score` for the score, `task score` where one of the two compares
             teams and so has no score yet.
@@ -135,8 +136,8 @@ class _Comparing:
         if one.traced is None or other.traced is None:
             self.undecided.append(Undecided(level, path, term, one.reason or other.reason))
             return
-        # What an order is made of matters; a term of a part that no order uses does not.
-        if level in ("order", "trial"):
+        # What outermost work is made of matters; a term further in that nothing uses does not.
+        if level in self.first.rule_set.sheet.levels[-2:]:
             self.counting |= {(path, term), *_terms_in(one.traced, other.traced)}
             self.decided.add(path)
         if one.traced.value != other.traced.value:
@@ -170,7 +171,7 @@ class _Comparing:
 def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Expression, Expression]]:
     """What can be compared, from the parts outwards: level, path, term, and both formulas."""
     sheets = first.rule_set.sheet, second.rule_set.sheet
-    for level in LEVELS:
+    for level in sheets[0].levels:
         paths = [scope.path for scope in _scopes(first.measured.scopes, level)]
         for path in paths:
             for term in sheets[0].terms.get(level, {}):
@@ -180,11 +181,11 @@ def _pairs(first: Certain, second: Certain) -> Iterator[tuple[str, str, str, Exp
     # Where a rule set compares teams, one trial has a task score and no score.
     scores = [(sheet.task if sheet.needs_cohort else None) or sheet.score for sheet in sheets]
     whole = _TASK_SCORE if any(sheet.needs_cohort for sheet in sheets) else _SCORE
-    yield "trial", "", whole, scores[0], scores[1]
+    yield TRIAL, "", whole, scores[0], scores[1]
 
 
 def _scopes(trial: Scope, level: str) -> list[Scope]:
-    return [trial] if level == "trial" else list(trial.each(level))
+    return [trial] if level == TRIAL else list(trial.each(level))
 
 
 def _terms_in(*traces: Traced) -> list[tuple[str, str]]:
@@ -259,14 +260,16 @@ class _Reasons:
 
     def _one_sided(self, *traces: Traced) -> set[str]:
         """Terms a score is made of that only one of the two rule sets has."""
-        found = {f"{_level_of(path)}.{name}" for path, name in _terms_in(*traces)}
+        level_of = {scope.path: scope.level for scope in _all_scopes(self.first.measured.scopes)}
+        found = {f"{level_of.get(path, TRIAL)}.{name}" for path, name in _terms_in(*traces)}
         first, second = (_all_terms(certain.rule_set) for certain in (self.first, self.second))
         return found & (first ^ second)
 
 
-def _level_of(path: str) -> str:
-    # A path has one part for each level below the trial: order, task, slot.
-    return LEVELS[::-1][len(path.split("/")) if path else 0]
+def _all_scopes(scope: Scope) -> Iterator[Scope]:
+    yield scope
+    for inner in scope.inner:
+        yield from _all_scopes(inner)
 
 
 def _all_terms(rule_set: RuleSet) -> set[str]:

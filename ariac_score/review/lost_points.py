@@ -123,7 +123,7 @@ def _gain(
 
 
 def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Findings that belong together: of a scope, or of a check of the whole trial."""
+    """Findings that belong together: of a piece of work, or a check of the whole trial."""
     scoped: set[str] = set()
     for scope, kind in _below(scopes):
         keys = tuple(key for key, finding in wrong.items() if scope.contains(finding.subject))
@@ -138,8 +138,8 @@ def _groups(scopes: Scope, wrong: Mapping[str, Finding]) -> Iterator[tuple[str, 
         yield check, "check", tuple(keys_of)
 
 
-def _below(scopes: Scope) -> Iterator[tuple[Scope, str]]:
-    """Every scope inside one, the smallest first."""
-    for inner in scopes.inner:
+def _below(scope: Scope) -> Iterator[tuple[Scope, str]]:
+    """Every piece of work, what is inside one before itself."""
+    for inner in scope.inner:
         yield from _below(inner)
         yield inner, inner.level

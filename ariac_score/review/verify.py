@@ -13,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.finding_contract import Grounds, breach_of
 from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
 from ariac_score.documents.schema import strict_json
@@ -29,7 +30,7 @@ from ariac_score.errors import (
 )
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
 from ariac_score.results.adjustments import adjust, load_adjustments
-from ariac_score.results.result import Code, Provenance, Result
+from ariac_score.results.result import Code, Measured, Provenance, Result
 from ariac_score.results.result_file import (
     RESULT,
     as_json,
@@ -119,6 +120,7 @@ def verify_result(
     steps += _follows(result)
     if result.is_former:
         steps.append(Step("ledger", NOTE, _FORMER))
+    steps.append(_possible(result.measured))
     steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
     steps.append(_rules(result, given, required=bool(rules)))
@@ -228,6 +230,20 @@ def _follows(result: Result) -> Iterator[Step]:
         yield Step("adjusted", OK, f"{final} follows from the automatic score and the decisions: {names}")
     except ResultError as error:
         yield Step("adjusted", FAILED, _fault(error))
+
+
+def _possible(measured: Measured) -> Step:
+    """Whether its findings keep the contract that the engine holds every finding to."""
+    wrong = []
+    for key, finding in measured.findings.items():
+        # Which bodies and signals there were, a result does not say.
+        grounds = Grounds(measured.measures.get(finding.check), measured.watched)
+        if breach := breach_of(finding, grounds):
+            wrong.append(f"{key}: {breach}")
+    if wrong:
+        more = [f"and {len(wrong) - SHOWN} more"] if len(wrong) > SHOWN else []
+        return Step("findings", FAILED, "\n".join([*wrong[:SHOWN], *more]))
+    return Step("findings", OK, f"{len(measured.findings)}, each with times, units and numbers that can be")
 
 
 def _canonical(text: str, tag: str, result: Result) -> Step:
@@ -493,7 +509,11 @@ def _is_record(place: _Place, stored: Result) -> bool:
 def _is_of_method(place: _Place) -> bool:
     """Whether a difference is about how the ledger is taken apart, and not about what it adds up to."""
     inside = place[:1] in (("ledger",), ("task",)) and place[1:2] not in ((), ("amount",))
-    return inside or place == ("ledger_method",) or place[:2] == ("measured", "measures")
+    return (
+        inside
+        or place == ("ledger_method",)
+        or place[:2] in (("measured", "measures"), ("measured", "watched"))
+    )
 
 
 def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:

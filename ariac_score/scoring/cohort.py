@@ -1,7 +1,7 @@
 """Values across teams: what a trial contributes to them, and what it is priced with.
 
-Some editions measure a team against all others: the mean cost of the sensors, the
-mean time of an order. Such a value is declared in the rule set with what each team
+Some competitions measure a team against all others: the mean cost of what it used, the
+mean time of a task. Such a value is declared in the rule set with what each team
 contributes and which teams count; formulas name it `cohort.<name>`.
 """
 
@@ -21,7 +21,7 @@ class CohortTerm:
 
     Attributes:
         name: Formulas name it `cohort.<name>`.
-        level: `order` (one value for each order) or `trial`.
+        level: Of what there is one value each, such as `task`; `trial` for one in all.
         value: What a team contributes.
         where: Whether a team counts; `None`: all that have a run count.
         empty: The value when no team counts; `None`: there is none then.
@@ -45,7 +45,7 @@ class CohortValues:
 
     Attributes:
         sha256: Of the cohort they were taken from; empty for none.
-        values: By name and path of the order (empty for the trial).
+        values: By name and path of the scope (empty for the trial).
     """
 
     sha256: str = ""

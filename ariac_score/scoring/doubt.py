@@ -1,7 +1,7 @@
 """Which undecided findings a value really depends on.
 
-A formula may use something undecided and still be certain: a shipment that went
-to the wrong place is worth 0, whatever lay on its tray.
+A formula may use something undecided and still be certain: what went to the wrong
+place is worth 0, however it was done.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -23,7 +24,18 @@ from ariac_score.errors import FormulaError, did_you_mean
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["COMPARISONS", "FUNCTIONS", "Environment", "Expression", "Number", "Traced", "add_up", "text_of"]
+__all__ = [
+    "APPLIED",
+    "COMPARISONS",
+    "FUNCTIONS",
+    "Environment",
+    "Expression",
+    "HasTexts",
+    "Number",
+    "Traced",
+    "add_up",
+    "text_of",
+]
 
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
@@ -80,6 +92,14 @@ class Environment(Protocol):
         ...
 
 
+class HasTexts(Environment, Protocol):
+    """An environment in which some names stand for texts."""
+
+    def text_named(self, dotted: str) -> str | None:
+        """The text that a name stands for; `None` when it stands for a number."""
+        ...
+
+
 _BINARY: Mapping[type[ast.operator], tuple[str, Callable[[Any, Any], Any]]] = {
     ast.Add: ("+", operator.add),
     ast.Sub: ("-", operator.sub),
@@ -111,11 +131,24 @@ def _clip(value: Any, low: Any, high: Any) -> Any:
     return min(max(value, low), high)
 
 
+def _ramp(best: Any, worst: Any, hi: Any, lo: Any, x: Any) -> Any:
+    # x >= hi first: with hi = lo the worst end wins, as in the ramps of official scorers.
+    if x >= hi:
+        return worst
+    return best if x <= lo else worst + (hi - x) / (hi - lo) * (best - worst)
+
+
+def _ramp_of_columns(best: Any, worst: Any, hi: Any, lo: Any, x: Any) -> Any:
+    between = worst + (hi - x) / (hi - lo) * (best - worst)
+    return np.where(x >= hi, worst, np.where(x <= lo, best, between))
+
+
 _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: min(v)),
     "max": (None, lambda *v: max(v)),
     "abs": (1, abs),
     "clip": (3, _clip),
+    "ramp": (5, _ramp),
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
     "any": (None, lambda *v: int(any(v))),
@@ -123,18 +156,32 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
 }
 COMPARISONS = _COMPARE
 """How comparisons are written and decided."""
-FUNCTIONS: Mapping[str, Callable[..., Any]] = {name: apply for name, (_, apply) in _SCALAR_FUNCTIONS.items()}
+APPLIED: Mapping[str, Callable[..., Any]] = {name: apply for name, (_, apply) in _SCALAR_FUNCTIONS.items()}
 """The functions of numbers."""
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
     "abs": (1, abs),
     "clip": (3, np.clip),
+    "ramp": (5, _ramp_of_columns),
     "sum": (None, lambda *v: add_up(v)),
     "mean": (None, lambda *v: add_up(v) / len(v)),
     "any": (None, lambda *v: np.logical_or.reduce(np.broadcast_arrays(*v)).astype(float)),
     "all": (None, lambda *v: np.logical_and.reduce(np.broadcast_arrays(*v)).astype(float)),
 }
+FUNCTIONS: Mapping[str, str] = {
+    "min": "the least",
+    "max": "the greatest",
+    "abs": "without its sign",
+    "clip": "clip(x, low, high): x within two limits",
+    "ramp": "ramp(best, worst, hi, lo, x): worst from x = hi on, best up to lo, in between a straight line",
+    "sum": "the sum",
+    "mean": "the arithmetic mean",
+    "any": "1 when one is not 0, else 0",
+    "all": "1 when none is 0, else 0",
+}
+"""The functions of numbers alone, in words."""
+
 _STRUCTURE = (
     ast.BinOp,
     ast.UnaryOp,
@@ -162,8 +209,13 @@ class Expression:
     _root: ast.expr = field(repr=False, compare=False, default_factory=lambda: ast.Constant(0))
 
     @classmethod
-    def parse(cls, source: str | Number, *, where: str = "") -> Expression:
+    def parse(cls, source: str | Number, *, where: str = "", texts: bool = False) -> Expression:
         """Parse and check a formula.
+
+        Args:
+            source: Its text.
+            where: What it belongs to.
+            texts: Whether texts may be compared with `==` and `!=`; in an environment that has some.
 
         Raises:
             FormulaError: Not a formula of this language, too long, or too deep.
@@ -174,7 +226,7 @@ class Expression:
         # First, because `str` raises ValueError for an integer of more than 4300 digits.
         if isinstance(source, int) and abs(source) > LARGEST_INTEGER:
             raise FormulaError("so large a number is not allowed in a formula", place=where, hint=_LANGUAGE)
-        text = " ".join(str(source).split())  # YAML may break a formula into lines, `ast` takes one
+        text = _in_one_line(str(source))
         if len(text) > MAX_LENGTH:
             raise FormulaError(
                 f"a formula of {len(text)} characters is longer than {MAX_LENGTH}",
@@ -193,7 +245,7 @@ class Expression:
                 place=where,
                 hint=_LANGUAGE,
             ) from None
-        _check(root, text, where)
+        _check(root, text, where, texts)
         return cls(text, where, root)
 
     def walk(self) -> Iterator[ast.AST]:
@@ -246,6 +298,17 @@ class Expression:
         return found
 
 
+_TEXT_OR_SPACE = re.compile(r"""("(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')|\s+""")
+
+
+def _in_one_line(source: str) -> str:
+    """A formula with its white space folded, but for that within texts.
+
+    YAML may break a formula into lines; `ast` takes one.
+    """
+    return _TEXT_OR_SPACE.sub(lambda found: found[1] or " ", source).strip()
+
+
 def text_of(node: ast.AST) -> str:
     """The text of a node, written once: a formula is evaluated more often than it is read."""
     text: str | None = getattr(node, "text_once_written", None)
@@ -261,12 +324,15 @@ def _dotted(node: ast.expr) -> str:
     return node.id if isinstance(node, ast.Name) else "?"
 
 
-def _check(root: ast.expr, text: str, where: str) -> None:
+def _check(root: ast.expr, text: str, where: str, texts: bool) -> None:
     """Let nothing through that the evaluators do not know."""
     _check_size(root, where)  # first, because showing a problem walks all of it
+    compared = {id(operand) for operand in _compared_texts(root)} if texts else set()
     stack: list[ast.expr] = [root]
     while stack:
         node = stack.pop()
+        if isinstance(node, ast.Constant) and id(node) in compared:
+            continue
         problem = _problem(node)
         if problem:
             raise FormulaError(
@@ -277,6 +343,15 @@ def _check(root: ast.expr, text: str, where: str) -> None:
         stack += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
         if isinstance(node, ast.Call):
             stack += [keyword.value for keyword in node.keywords]
+
+
+def _compared_texts(root: ast.expr) -> Iterator[ast.Constant]:
+    """The texts that stand where a text may: beside `==` or `!=`."""
+    for node in ast.walk(root):
+        if isinstance(node, ast.Compare) and all(isinstance(op, ast.Eq | ast.NotEq) for op in node.ops):
+            for operand in (node.left, *node.comparators):
+                if isinstance(operand, ast.Constant) and isinstance(operand.value, str):
+                    yield operand
 
 
 def _check_size(root: ast.expr, where: str) -> None:
@@ -328,6 +403,7 @@ class _Evaluator:
 
     def __init__(self, expression: Expression, environment: Environment) -> None:
         self.expression, self.environment = expression, environment
+        self.names_of_texts: Callable[[str], str | None] | None = getattr(environment, "text_named", None)
 
     def error(self, cause: str, node: ast.expr, hint: str = "") -> FormulaError:
         text, whole = text_of(node), self.expression.source
@@ -390,12 +466,34 @@ class _Evaluator:
         return self._op("or" if stop else "and", node, int(bool(seen[-1].value)), *seen)
 
     def visit_compare(self, node: ast.Compare) -> Traced:
+        texts = [self._text(operand) for operand in (node.left, *node.comparators)]
+        if any(text is not None for text in texts):
+            return self._compare_texts(node, texts)
         operands = [self.visit(operand) for operand in (node.left, *node.comparators)]
         holds = all(
             _COMPARE[type(op)][1](a.value, b.value)
             for op, a, b in zip(node.ops, operands, operands[1:], strict=False)
         )
         return self._op(" ".join(_COMPARE[type(op)][0] for op in node.ops), node, int(holds), *operands)
+
+    def _text(self, node: ast.expr) -> str | None:
+        """The text of an operand; `None` where it is a number."""
+        if isinstance(node, ast.Constant):
+            return node.value if isinstance(node.value, str) else None
+        names = self.names_of_texts if isinstance(node, ast.Name | ast.Attribute) else None
+        return names(_dotted(node)) if names else None
+
+    def _compare_texts(self, node: ast.Compare, texts: Sequence[str | None]) -> Traced:
+        if None in texts or not all(isinstance(op, ast.Eq | ast.NotEq) for op in node.ops):
+            raise self.error("a text can only be == or != to a text", node)
+        holds = all(_COMPARE[type(op)][1](a, b) for op, a, b in zip(node.ops, texts, texts[1:], strict=False))
+        named = [
+            f"{text_of(operand)} is {text!r}"
+            for operand, text in zip((node.left, *node.comparators), texts, strict=True)
+            if not isinstance(operand, ast.Constant)
+        ]
+        # One number without operands, for a trace is made of numbers; its label says what the texts were.
+        return Traced(f"{text_of(node)} ({', '.join(named)})", int(holds), "fact")
 
     def visit_ifexp(self, node: ast.IfExp) -> Traced:
         test = self.visit(node.test)
@@ -411,9 +509,7 @@ class _Evaluator:
         if traced is not None:
             return self._sound(traced, node)
         if function not in _SCALAR_FUNCTIONS:
-            raise self.error(
-                f"unknown function {function!r}", node, did_you_mean(function, _SCALAR_FUNCTIONS)
-            )
+            raise self.error(f"unknown function {function!r}", node, did_you_mean(function, FUNCTIONS))
         arity, apply = _SCALAR_FUNCTIONS[function]
         arguments = [self.visit(argument) for argument in node.args]
         if options or not arguments or (arity is not None and len(arguments) != arity):

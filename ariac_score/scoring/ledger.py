@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from decimal import ROUND_HALF_EVEN, Decimal
 from fractions import Fraction
 from math import prod
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
@@ -34,6 +34,7 @@ from ariac_score.scoring.attribution import (
 )
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 from ariac_score.scoring.worlds import EARNED, KEPT, NOTHING, TAKEN
+from ariac_score.trial.frames import frame
 
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded", "taken_by"]
 
@@ -82,6 +83,23 @@ class Line(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
         yield self
         for child in self.children:
             yield from child.walk()
+
+    def to_frame(self) -> Any:
+        """The lines as a `pandas.DataFrame`, top down; amounts as floats, sums and what they are of alike.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        lines = list(self.walk())
+        columns = {
+            "path": [line.path for line in lines],
+            "label": [line.label for line in lines],
+            "kind": [line.kind for line in lines],
+            "amount": [float(line.amount) for line in lines],
+            "subject": [line.subject for line in lines],
+            "findings": [" ".join(line.findings) for line in lines],
+        }
+        return frame(columns, index="path", units={"amount": POINTS})
 
     @property
     def leaves(self) -> Iterator[Line]:

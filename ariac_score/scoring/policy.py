@@ -90,13 +90,11 @@ def assume(findings: Mapping[str, Finding], policies: Mapping[str, str], *, pric
 
 
 def _worst(finding: Finding) -> Finding:
-    # A relative depth is at most 1, so its integral over a stretch is at most the stretch's length.
-    duration_s = finding.span.duration_s if finding.span else 0.0
-    quantities = {
-        **finding.quantities,
-        "time_in_violation_s": duration_s,
-        "relative_depth_integral_s": duration_s,
-    }
+    quantities = dict(finding.quantities)
+    if finding.span:  # else nobody knows how long, and a formula that prices the time refuses
+        # A relative depth is at most 1, so its integral over a stretch is at most the stretch's length.
+        for name in ("time_in_violation_s", "relative_depth_integral_s"):
+            quantities[name] = finding.span.duration_s
     return replace(finding, verdict=Verdict.VIOLATED, quantities=quantities, critical=True)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ariac_score.errors import FormulaError, did_you_mean
 from ariac_score.scoring.expression import Expression, Number, Traced, add_up
-from ariac_score.scoring.scope import LEVELS
+from ariac_score.scoring.levels import TRIAL
 
 __all__ = [
     "FACTS_OF_TEXT",
@@ -24,14 +24,16 @@ __all__ = [
 RELATIONS: Mapping[str, str] = {"equal": "is", "at_most": "is at most", "at_least": "is at least"}
 """How a printed number may relate to what the others make of it."""
 
-FACTS_OF_TEXT: Mapping[str, frozenset[str]] = {
-    "trial": frozenset({"final_score"}),
-    "order": frozenset(
-        {"summary_score", "summary_max_score", "summary_submitted", "summary_priority", "summary_duration_s"}
-    ),
-    "submission": frozenset(),
-    "part": frozenset(),
-}
+FACTS_OF_TEXT = frozenset(
+    {
+        "final_score",
+        "summary_score",
+        "summary_max_score",
+        "summary_submitted",
+        "summary_priority",
+        "summary_duration_s",
+    }
+)
 """Labels of what readers take out of a text's heading and summary, besides the items printed in detail."""
 
 _TRUTH = {"true": 1, "yes": 1, "false": 0, "no": 0}
@@ -52,7 +54,7 @@ class PrintedItem:
 
     Attributes:
         name: What formulas over printed numbers call it.
-        level: One of `LEVELS`.
+        level: One of the rule set's levels.
         labels: As readers spell it; the first one that is printed counts.
         formula: What it is in our terms; `None` when we have no counterpart.
         kind: The kind of task it holds for; empty for every kind.
@@ -75,7 +77,7 @@ class PrintedSum:
 
     Attributes:
         name: Of the item.
-        level: One of `LEVELS`.
+        level: One of the rule set's levels.
         formula: Over printed items of its level and aggregates of those inside.
         kind: The kind of task it holds for; empty for every kind.
         relation: One of `RELATIONS`.
@@ -92,10 +94,10 @@ class PrintedSum:
 
 @dataclass(frozen=True)
 class PrintedBlock:
-    """One part of an official text: the trial, an order, a shipment, a part.
+    """One part of an official text: the trial, or a piece of work.
 
     Attributes:
-        level: One of `LEVELS`.
+        level: One of the rule set's levels.
         path: Path of its scope; empty for the trial.
         values: As printed, by label.
         kind: Of its task; empty when not printed.
@@ -121,17 +123,19 @@ class PrintedBlock:
 
 @dataclass(frozen=True)
 class PrintedText:
-    """Everything a rule set says about the official text of its edition.
+    """Everything a rule set says about the official text of its competition.
 
     Attributes:
-        layouts: The layouts, as readers name them, that are of this edition.
+        layouts: The layouts, as readers name them, that belong to the rule set.
         items: What is printed, in the order of the file.
         sums: What must add up.
+        levels: The levels of the rule set.
     """
 
     layouts: tuple[str, ...] = ()
     items: tuple[PrintedItem, ...] = ()
-    sums: tuple[PrintedSum, ...] = field(default=())
+    sums: tuple[PrintedSum, ...] = ()
+    levels: tuple[str, ...] = (TRIAL,)
 
     def __post_init__(self) -> None:
         for one in self.sums:
@@ -176,7 +180,7 @@ class PrintedText:
     def rests_on(self, block: PrintedBlock, one: PrintedSum) -> Iterator[tuple[str, str, str]]:
         """Path, label and text of every printed number that a sum is made of, in the order of the formula."""
         seen = set()
-        for dotted in _names(one.formula):
+        for dotted in _names(one.formula, self.levels):
             level, _, name = dotted.rpartition(".")
             for inner in block.each(level) if level else [block]:
                 line = (inner.path, *self.printed(inner, name))
@@ -190,24 +194,26 @@ class PrintedText:
 
     def unknown(self, block: PrintedBlock) -> tuple[str, ...]:
         """The labels of a block that are no item here."""
-        facts = FACTS_OF_TEXT[block.level]
-        return tuple(label for label in block.values if label not in facts and not self.item(block, label))
+        return tuple(
+            label for label in block.values if label not in FACTS_OF_TEXT and not self.item(block, label)
+        )
 
     def _of(self, block: PrintedBlock) -> Iterator[PrintedItem]:
         return (i for i in self.items if i.level == block.level and i.kind in ("", block.kind))
 
     def _is_printed(self, block: PrintedBlock, one: PrintedSum) -> bool:
         here = [(block, one.name)]
-        for dotted in _names(one.formula):
+        for dotted in _names(one.formula, self.levels):
             level, _, name = dotted.rpartition(".")
             here += [(inner, name) for inner in block.each(level)] if level else [(block, name)]
         return all(number_of(self.printed(at, name)[1]) is not None for at, name in here)
 
     def _validate(self, one: PrintedSum) -> None:
-        for dotted in (one.name, *_names(one.formula)):
+        depth = self.levels.index
+        for dotted in (one.name, *_names(one.formula, self.levels)):
             level, _, name = dotted.rpartition(".")
             known = {i.name for i in self.items if i.level == (level or one.level)}
-            inside = not level or (level in LEVELS and LEVELS.index(level) < LEVELS.index(one.level))
+            inside = not level or (level in self.levels and depth(level) < depth(one.level))
             if not inside or name not in known:
                 raise FormulaError(
                     f"{dotted!r} is no printed item of {'a' if inside else 'anything inside a'} {one.level}",
@@ -231,15 +237,15 @@ def number_of(text: str) -> Number | None:
     return int(word) if re.fullmatch(r"-?\d{1,15}", word) else float(word)
 
 
-def _names(formula: Expression) -> Iterator[str]:
-    """The names of a formula over printed numbers; `count(order)` names none."""
+def _names(formula: Expression, levels: Sequence[str]) -> Iterator[str]:
+    """The names of a formula over printed numbers; `count(task)` names none."""
     calls = [node for node in formula.walk() if isinstance(node, ast.Call)]
     skipped = {id(call.func) for call in calls}
     skipped |= {
         id(argument)
         for call in calls
         for argument in call.args
-        if isinstance(argument, ast.Name) and argument.id in LEVELS
+        if isinstance(argument, ast.Name) and argument.id in levels
     }
     skipped |= {id(node.value) for node in formula.walk() if isinstance(node, ast.Attribute)}
     for node in formula.walk():
@@ -271,9 +277,11 @@ class _PrintedNumbers:
         if function not in _AGGREGATES or len(arguments) != 1 or options:
             return None
         (argument,) = arguments
-        if function == "count" and argument.as_name in LEVELS:
+        if function == "count" and argument.as_name in self.text.levels:
             return Traced(f"count({argument.source})", len(list(self.block.each(argument.as_name))), "fact")
-        level = next((dotted.rpartition(".")[0] for dotted in _names(argument) if "." in dotted), "")
+        level = next(
+            (dotted.rpartition(".")[0] for dotted in _names(argument, self.text.levels) if "." in dotted), ""
+        )
         if not level:
             return None
         each = [argument.evaluate(_PrintedNumbers(self.text, b)) for b in self.block.each(level)]

@@ -31,9 +31,15 @@ from ariac_score.errors import (
 )
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.levels import (
+    TRIAL,
+    check_levels,
+    declared_facts,
+    facts_as_written,
+    no_such_level,
+)
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
-from ariac_score.scoring.scope import LEVELS
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.variation import given_monitor, set_number
 
@@ -58,6 +64,7 @@ MAX_TEXT_BYTES = 1_000_000
 MAX_EXTENDS = 8
 """Rule sets that may extend each other in a row."""
 
+_LAYOUTS = "layouts"
 _COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
 GROUP = "ariac_score.rule_sets"
@@ -86,11 +93,11 @@ class Check:
 
 @dataclass(frozen=True)
 class RuleDifference:
-    """One point in which two rule sets of an edition differ.
+    """One point in which two rule sets of a competition differ.
 
     Attributes:
-        name: Its name in the rule set, such as `wrong_tray_type`.
-        terms: The terms it affects, such as `submission.bonus`; also `score` and `task`.
+        name: Its name in the rule set, such as `wrong_colour`.
+        terms: The terms it affects, such as `task.bonus`; also `score` and `task`.
         checks: The checks it affects.
         coded: What the code does, in words, whichever of the two rule sets follows it.
         documented: What the document says, in words.
@@ -173,10 +180,10 @@ class RuleSet:
         return {check.name: check.on_inconclusive for check in self.checks.values()}
 
     @property
-    def about_orders(self) -> bool:
-        """Whether it judges or prices orders; rules that only watch bodies need no order in the log."""
+    def about_work(self) -> bool:
+        """Whether it judges or prices work; rules that only watch bodies need no work item in the log."""
         judged = any(check.group == "ariac_score.rules" for check in self.checks.values())
-        return judged or self.sheet.about_orders
+        return judged or self.sheet.about_work
 
     @property
     def folder(self) -> Path | None:
@@ -357,7 +364,7 @@ def load_rule_set(name: str | os.PathLike[str], registry: Registry | None = None
         path = _path_of(name, Path(), registry)
     else:
         path = path_of(name, "the name or path of a rule set")
-    return _parsed(with_penalty(_expanded(path, (), registry)))
+    return _parsed(_declared(with_penalty(_expanded(path, (), registry)), registry))
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -373,7 +380,7 @@ def rule_set_from_text(text: str, *, file: str) -> RuleSet:
 @lru_cache(maxsize=8)
 def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
-    document = _with_competition(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
+    document = _of_today(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
     validate(document, "ruleset", error=RuleSetError)
     for key in ("extends", "include", "safety"):
         if key in document.data:
@@ -381,8 +388,26 @@ def _alone(text: str, file: str) -> RuleSet:
     return _parsed(document)
 
 
+_LEVELS_BEFORE = ("part", "submission", "order", TRIAL)
+_FACTS_BEFORE = {
+    "submission": {"parts": "number"},
+    "order": {"index": "number", "priority": "number", "parts": "number"},
+    TRIAL: {"orders": "number"},
+}
+"""What every rule set had before levels and facts were declared; a text without any is of that time."""
+
+
+def _of_today(document: YamlDocument) -> YamlDocument:
+    """Rules as a result held them before they named levels, facts and a competition, as they are now."""
+    data = document.data
+    if not isinstance(data, Mapping) or "levels" in data:
+        return document
+    data = {**data, "levels": list(_LEVELS_BEFORE), "facts": _FACTS_BEFORE}
+    return _with_competition(replace(document, data=data))
+
+
 def _with_competition(document: YamlDocument) -> YamlDocument:
-    """Rules as a result held them before they could name a competition: its parameters stood at their top."""
+    """With the competition named whose parameters stood at the top of the rules."""
     for key, value in _unknown_keys(document).items():
         for name in _competitions_with(key, Registry()):
             kept = {k: v for k, v in document.data.items() if k != key}
@@ -390,14 +415,14 @@ def _with_competition(document: YamlDocument) -> YamlDocument:
     return document
 
 
-def _refuse_its_parameters(document: YamlDocument) -> None:
+def _refuse_its_parameters(document: YamlDocument, registry: Registry | None = None) -> None:
     """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
 
     Raises:
         RuleSetError: Naming the key and the line to write.
     """
     for key, value in _unknown_keys(document).items():
-        for name in _competitions_with(key, Registry()):
+        for name in _competitions_with(key, registry or Registry()):
             raise RuleSetError(
                 f"{key!r} is a parameter of the competition",
                 file=document.file,
@@ -430,7 +455,7 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a rule set, or its penalty does not fit.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(with_penalty(_from_text(text, file)))
+    return _parsed(_declared(with_penalty(_from_text(text, file))))
 
 
 def _from_text(text: str, file: str) -> YamlDocument:
@@ -568,10 +593,10 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
             if name not in own.get(other, {}):
                 merged[other].pop(name, None)
     merged["terms"] = _merged_levels(base, own, "terms")
-    for key in ("printed", "adds_up"):
+    for key in ("printed", "adds_up", "facts"):
         if key in merged:
             merged[key] = _merged_levels(base, own, key)
-    if "layouts" in own.get("printed", {}):  # replaced whole: another edition prints other layouts
+    if "layouts" in own.get("printed", {}):  # replaced whole: other rules have other texts
         merged["printed"]["layouts"] = own["printed"]["layouts"]
     return merged
 
@@ -579,8 +604,49 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) -> dict[str, Any]:
     """What is named for each level, the base's with what is new or changed."""
     first, second = base.get(key, {}), own.get(key, {})
-    levels = dict.fromkeys(level for level in (*first, *second) if level in LEVELS)
+    levels = dict.fromkeys(level for level in (*first, *second) if level != _LAYOUTS)
     return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
+
+
+def _declared(document: YamlDocument, registry: Registry | None = None) -> YamlDocument:
+    """The rule set with its levels and facts written out, its own before those of its competition.
+
+    So that a result, which holds this text, is priced again without any plugin.
+
+    Raises:
+        PluginError: The competition is not installed, or declares levels or facts that are none.
+        RuleSetError: The competition refuses its parameters.
+    """
+    data = document.data
+    named = _competition(document)
+    levels, facts = _of_competition(named, document.file, registry or Registry()) if named else ((TRIAL,), {})
+    levels = tuple(data.get("levels", levels))
+    own = data.get("facts", {})
+    both = {
+        level: {**facts.get(level, {}), **own.get(level, {})}
+        for level in dict.fromkeys([*facts, *own])
+        if level in levels or level in own
+    }
+    return replace(document, data={**data, "levels": list(levels), "facts": both})
+
+
+def _of_competition(
+    named: Check, file: str, registry: Registry
+) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
+    """Levels and facts that a competition declares, as a rule set writes them."""
+    competition = _built(named, file, partial(registry.find, named.group, named.use))
+    try:
+        levels = tuple(getattr(competition, "levels", (TRIAL,)))
+        check_levels(levels, {})
+        return levels, facts_as_written(declared_facts(getattr(competition, "facts", {})))
+    except (FormulaError, ValueError, TypeError, AttributeError) as cause:
+        broken = PluginError(
+            f"declares levels or facts that are none: {getattr(cause, 'cause', cause)}",
+            origin=registry.find(named.group, named.use).origin,
+            hint=f"levels are names, the last is {TRIAL!r}; facts are declared by level and name",
+        )
+        broken.file, broken.place = file, named.place["use"]
+        raise broken from cause
 
 
 def _parsed(document: YamlDocument) -> RuleSet:
@@ -646,24 +712,31 @@ def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
     return ScoreSheet(
         terms={
             level: {
-                name: Expression.parse(text, where=f"$.terms.{level}.{name}")
+                name: Expression.parse(text, where=f"$.terms.{level}.{name}", texts=True)
                 for name, text in data.get("terms", {}).get(level, {}).items()
             }
-            for level in LEVELS
+            for level in data.get("terms", {})
         },
-        score=Expression.parse(data["score"], where="$.score"),
+        score=Expression.parse(data["score"], where="$.score", texts=True),
         checks=frozenset(checks),
         parameters=data.get("parameters", {}),
         cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
-        task=Expression.parse(data["task"], where="$.task") if "task" in data else None,
+        task=Expression.parse(data["task"], where="$.task", texts=True) if "task" in data else None,
+        levels=tuple(data["levels"]),
+        facts=declared_facts(data.get("facts", {})),
     )
 
 
 def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
+    for key in ("printed", "adds_up"):
+        for level in data.get(key, {}):
+            if level not in (*sheet.levels, _LAYOUTS):
+                raise no_such_level(level, sheet.levels, place=f"$.{key}.{level}", where=key)
     items = [
         _printed_item(name, level, body, sheet)
-        for level in LEVELS
-        for name, bodies in data.get("printed", {}).get(level, {}).items()
+        for level, named in data.get("printed", {}).items()
+        if level != _LAYOUTS
+        for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
     sums = [
@@ -675,11 +748,12 @@ def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
             body.get("relation", "equal"),
             body.get("because", ""),
         )
-        for level in LEVELS
-        for name, bodies in data.get("adds_up", {}).get(level, {}).items()
+        for level, named in data.get("adds_up", {}).items()
+        for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
-    return PrintedText(tuple(data.get("printed", {}).get("layouts", ())), tuple(items), tuple(sums))
+    layouts = tuple(data.get("printed", {}).get(_LAYOUTS, ()))
+    return PrintedText(layouts, tuple(items), tuple(sums), sheet.levels)
 
 
 def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
@@ -692,8 +766,8 @@ def _one_or_more(bodies: Any) -> list[dict[str, Any]]:
 def _printed_item(name: str, level: str, body: Mapping[str, Any], sheet: ScoreSheet) -> PrintedItem:
     formula = None
     if "formula" in body:
-        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}")
-        # `score` in a text of an edition that compares teams is what one team alone can know: the task score.
+        formula = Expression.parse(body["formula"], where=f"$.printed.{level}.{name}", texts=True)
+        # `score` in a text of rules that compare teams is what one team alone can know: the task score.
         if level == "trial" and formula.as_name == _SCORE and _SCORE not in sheet.terms.get(level, {}):
             formula = (sheet.task if sheet.needs_cohort else None) or sheet.score
         sheet.check_formula(formula, level)
@@ -750,8 +824,10 @@ def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:
     return CohortTerm(
         name=name,
         level=body["of"],
-        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean"),
-        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where") if "where" in body else None,
+        value=Expression.parse(body["mean"], where=f"$.cohort.{name}.mean", texts=True),
+        where=Expression.parse(body["where"], where=f"$.cohort.{name}.where", texts=True)
+        if "where" in body
+        else None,
         empty=body.get("empty"),
     )
 

@@ -1,4 +1,4 @@
-"""The scopes a score sheet prices: parts within submissions within orders within the trial."""
+"""The scopes a score sheet prices: the trial, and the work inside it, as deep as a competition has levels."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from msgspec import Meta
 
 from ariac_score.checks.findings import FrozenMap
 
-__all__ = ["LEVELS", "Level", "Scope", "is_inside"]
+__all__ = ["Level", "Scope", "is_inside"]
 
-LEVELS = ("part", "submission", "order", "trial")
-"""From the innermost outwards, which is the order of evaluation."""
-Level = Annotated[str, Meta(pattern=f"^({'|'.join(LEVELS)})$")]
+Level = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]*$")]
+"""The name of a level; a score sheet has them from the innermost outwards, the order of evaluation."""
 
 
 def is_inside(subject: str, path: str) -> bool:
     """Whether a subject is what a path names, or lies inside it; everything lies in the empty path.
 
-    >>> is_inside("order_1/task_0", "order_1"), is_inside("order_10", "order_1")
+    >>> is_inside("task_1/bolt_0", "task_1"), is_inside("task_10", "task_1")
     (True, False)
     """
     return not path or subject == path or subject.startswith(f"{path}/")
@@ -28,15 +27,16 @@ def is_inside(subject: str, path: str) -> bool:
 
 @dataclass(frozen=True)
 class Scope:
-    """One order, one submission of it, one wanted part, or the whole trial.
+    """One piece of work, or the whole trial.
 
-    There is a submission for every task of an order, handed in or not, so that what was
-    never delivered is priced like what was delivered wrong.
+    There is a scope for everything that was to be done, done or not, so that what was never
+    handed in is priced like what was done wrong.
 
     Attributes:
-        level: One of `LEVELS`.
-        path: `order/task/slot`, cut at the level; empty for the trial.
-        facts: Numbers and texts known about it, such as `priority` or `time_s`.
+        level: Such as `task`; `trial` for the whole.
+        path: The ids of the items from the outermost to this one, such as `task_1/bolt_0`; empty
+            for the trial.
+        facts: Numbers and texts known about it, such as `time_s`; `None`: known to be absent.
         inner: The scopes directly inside.
     """
 

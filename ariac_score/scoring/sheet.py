@@ -12,13 +12,13 @@ from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
-from ariac_score.scoring.expression import Expression, Number, Traced, add_up, text_of
-from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, text_of
+from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact, check_levels, no_such_level
+from ariac_score.scoring.scope import Scope
 
 __all__ = [
     "AGGREGATES",
     "CHECK_FUNCTIONS",
-    "FACTS",
     "VIOLATION_FUNCTIONS",
     "Pricing",
     "ScopeNames",
@@ -29,18 +29,6 @@ __all__ = [
 _COHORT, _RUNS = "cohort", "runs"
 _NO_COHORT = CohortValues()
 
-FACTS: Mapping[str, Mapping[str, str]] = {
-    "part": {},
-    "submission": {"parts": "number of wanted products"},
-    "order": {
-        "index": "0 for the first order announced, 1 for the second, …",
-        "priority": "as the order gives it",
-        "parts": "number of wanted products",
-    },
-    "trial": {"duration_s": "from start to end of the competition", "orders": "number of orders"},
-}
-"""The facts a formula may name at each level, as `order.priority`."""
-
 
 def _points(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
     return [(key, int(f.verdict is Verdict.SATISFIED)) for key, f in findings.items()]
@@ -50,13 +38,35 @@ def _violations(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
     return [(key, 1) for key, f in findings.items() if f.verdict is Verdict.VIOLATED]
 
 
-def _seconds(findings: Mapping[str, Finding]) -> list[tuple[str, Number]]:
+def _seconds(findings: Mapping[str, Finding], label: str) -> list[tuple[str, Number]]:
     # An episode bridges short pauses, so its time in violation can be less than its length.
     return [
-        (key, f.quantities.get("time_in_violation_s", f.span.duration_s if f.span else 0.0))
+        (
+            key,
+            f.span.duration_s
+            if f.span and _TIME not in f.quantities
+            else _priced_quantity(key, f, _TIME, label, "price it with count() or product()"),
+        )
         for key, f in findings.items()
         if f.verdict is Verdict.VIOLATED
     ]
+
+
+def _priced_quantity(key: str, finding: Finding, quantity: str, label: str, instead: str) -> Number:
+    """A quantity that a function prices; what was not measured has no price, and is not 0.
+
+    Raises:
+        FormulaError: The finding has no such quantity.
+    """
+    if quantity not in finding.quantities:
+        raise FormulaError(
+            f"{label}: finding {key!r} of check {finding.check!r} has no {quantity!r}",
+            hint=f"let the check measure it, or {instead}",
+        )
+    return finding.quantities[quantity]
+
+
+_TIME, _DEPTH = "time_in_violation_s", "relative_depth_integral_s"
 
 
 CHECK_FUNCTIONS: Mapping[str, str] = {
@@ -88,6 +98,9 @@ Source: ARIAC 2025, penalties; monitor catalogue, section 3.
 VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
 """The functions of violations, rather than of points or measured numbers."""
 AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
+_ABSENT = "absent"
+_KNOWN = frozenset({*CHECK_FUNCTIONS, *FUNCTIONS, *AGGREGATES, _ABSENT})
+"""Every function of the language."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +114,8 @@ class ScoreSheet:
         parameters: Named numbers an organiser may turn.
         cohort: The values across teams that formulas may name as `cohort.…`.
         task: What the trial is worth before any value across teams enters, where that has a name.
+        levels: From the innermost outwards, the order of evaluation; the last is `trial`.
+        facts: The facts of each level that are declared; formulas name them as `task.time_s`.
     """
 
     terms: Mapping[str, Mapping[str, Expression]]
@@ -109,9 +124,12 @@ class ScoreSheet:
     parameters: Mapping[str, Number] = field(default_factory=dict)
     cohort: Mapping[str, CohortTerm] = field(default_factory=dict)
     task: Expression | None = None
+    levels: tuple[str, ...] = (TRIAL,)
+    facts: Mapping[str, Mapping[str, DeclaredFact]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for level in LEVELS:
+        self._validate_levels()
+        for level in self.levels:
             known: list[str] = []
             for name, formula in self.terms.get(level, {}).items():
                 self._validate_term(name, formula, level)
@@ -126,10 +144,18 @@ class ScoreSheet:
         if self.task:
             self._validate_cohort_free(self.task, "trial", "task")
 
+    def facts_of(self, level: str) -> Mapping[str, DeclaredFact]:
+        """The facts that formulas may name at a level; none at what is no level."""
+        return self._facts.get(level, {})
+
     @cached_property
-    def about_orders(self) -> bool:
-        """Whether any formula names orders, their submissions or parts."""
-        below = LEVELS[:-1]
+    def _facts(self) -> dict[str, dict[str, DeclaredFact]]:
+        return {level: {**self.facts.get(level, {}), **ALWAYS.get(level, {})} for level in self.levels}
+
+    @cached_property
+    def about_work(self) -> bool:
+        """Whether any formula names a level inside the trial."""
+        below = self.levels[:-1]
         formulas = [self.score, *([self.task] if self.task else [])]
         formulas += [formula for term in self.cohort.values() for formula in term.formulas]
         for level, terms in self.terms.items():
@@ -172,6 +198,20 @@ class ScoreSheet:
         named = (dotted.rpartition(".") for each in formulas for dotted in _names(each, self.checks))
         return tuple(dict.fromkeys(name for prefix, _, name in named if prefix == _RUNS))
 
+    @property
+    def priced_quantities(self) -> Iterator[tuple[str, str, str, Expression]]:
+        """Every quantity that a formula prices by its name: function, check, quantity, formula."""
+        formulas = [self.score, *([self.task] if self.task else [])]
+        formulas += [formula for term in self.cohort.values() for formula in term.formulas]
+        formulas += [formula for named in self.terms.values() for formula in named.values()]
+        for formula in formulas:
+            for call in formula.walk():
+                if isinstance(call, ast.Call) and _is_call_of(call, "measure"):
+                    check, quantity = (text_of(argument) for argument in call.args)
+                    yield "measure", check, quantity, formula
+                elif isinstance(call, ast.Call) and _is_call_of(call, "demerits"):
+                    yield "demerits", text_of(call.args[0]), _DEPTH, formula
+
     def checks_in(self, formula: Expression, level: str = "trial") -> frozenset[str]:
         """The checks a formula depends on, itself or through the terms it names."""
         reached = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
@@ -187,9 +227,9 @@ class ScoreSheet:
         terms = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
         return [formula, *terms]
 
-    def facts(self, formula: Expression, level: str = "trial") -> frozenset[str]:
-        """The facts a formula names, itself or through the terms it rests on, such as `order.priority`."""
-        known = {f"{at}.{name}" for at, names in FACTS.items() for name in names}
+    def facts_in(self, formula: Expression, level: str = "trial") -> frozenset[str]:
+        """The facts a formula names, itself or through the terms it rests on, such as `task.time_s`."""
+        known = {f"{at}.{name}" for at in self.levels for name in self.facts_of(at)}
         named = (name for each in self.reached(formula, level) for name in _names(each, self.checks))
         return frozenset(named) & known
 
@@ -243,7 +283,7 @@ class ScoreSheet:
             formula: Checked beforehand with `check_formula`.
             trial: The scopes, outermost.
             findings: By id.
-            level: One of `LEVELS`.
+            level: One of `levels`.
             cohort: Values across teams.
 
         Raises:
@@ -301,9 +341,34 @@ class ScoreSheet:
                 hint="what a cohort is made of, and the task score, must be known for each team alone",
             )
 
+    def _validate_levels(self) -> None:
+        """Levels that formulas can name, and nothing declared for any other."""
+        taken = {
+            "function": _KNOWN,
+            "parameter": self.parameters,
+            "kind of value across runs": (_COHORT, _RUNS),
+        }
+        check_levels(self.levels, taken)
+        stated = {"terms": self.terms, "facts": self.facts}
+        for key, levels in stated.items():
+            for level in levels:
+                if level not in self.levels:
+                    raise no_such_level(level, self.levels, place=f"$.{key}.{level}", where=key)
+        for term in self.cohort.values():
+            if term.level not in self.levels:
+                where = f"cohort.{term.name}"
+                raise no_such_level(term.level, self.levels, place=f"$.{where}.of", where=where)
+        for name in ALWAYS[TRIAL].keys() & self.facts.get(TRIAL, {}).keys():
+            if self.facts[TRIAL][name].type == TEXT:
+                raise FormulaError(
+                    f"trial.{name} is a number of every trial",
+                    place=f"$.facts.{TRIAL}.{name}",
+                    hint="give the text another name",
+                )
+
     def _validate_term(self, name: str, formula: Expression, level: str) -> None:
         """A term may not hide behind a parameter or a fact of the same name, which would win."""
-        for kind, names in (("parameter", self.parameters), (f"fact of each {level}", FACTS[level])):
+        for kind, names in (("parameter", self.parameters), (f"fact of each {level}", self.facts_of(level))):
             if name in names:
                 raise FormulaError(
                     f"term {name!r} is also the name of a {kind}",
@@ -325,37 +390,91 @@ class ScoreSheet:
         for node in formula.walk():
             if isinstance(node, ast.Name | ast.Attribute) and id(node) not in consumed:
                 self._validate_name(formula, ast.unparse(node), level, known)
+        self._validate_texts(formula)
+
+    def _validate_texts(self, formula: Expression) -> None:
+        """A text is compared with a text, or asked whether it is absent, and nothing else."""
+        compared: set[int] = set()
+        for node in formula.walk():
+            if isinstance(node, ast.Compare):
+                operands = (node.left, *node.comparators)
+                texts = [operand for operand in operands if self._is_text(operand)]
+                if all(isinstance(op, ast.Eq | ast.NotEq) for op in node.ops) and len(texts) == len(operands):
+                    compared |= {id(operand) for operand in texts}
+                elif texts:
+                    raise self._no_number(formula, texts[0])
+                if compared and all(isinstance(operand, ast.Constant) for operand in operands):
+                    raise self._no_number(formula, operands[0])
+            elif isinstance(node, ast.Call) and _is_call_of(node, _ABSENT):
+                compared |= {id(argument) for argument in node.args}
+        for node in formula.walk():
+            if isinstance(node, ast.Attribute) and self._is_text(node) and id(node) not in compared:
+                raise self._no_number(formula, node)
+
+    def _is_text(self, node: ast.expr) -> bool:
+        if isinstance(node, ast.Constant):
+            return isinstance(node.value, str)
+        level, _, name = text_of(node).rpartition(".")
+        fact = self.facts_of(level).get(name) if isinstance(node, ast.Attribute) else None
+        return fact is not None and fact.type == TEXT
+
+    def _no_number(self, formula: Expression, node: ast.expr) -> FormulaError:
+        text = text_of(node)
+        constant = isinstance(node, ast.Constant)
+        return FormulaError(
+            f"{text} is a text, no number: {formula.source!r}",
+            place=formula.where,
+            hint="compare it with == or != to a fact that is declared as a text"
+            if constant
+            else f'compare it with == or != to a text, as in {text} == "…"',
+        )
 
     def _validate_call(self, formula: Expression, call: ast.Call, level: str) -> set[int]:
         function = call.func.id if isinstance(call.func, ast.Name) else ""
         first = call.args[0] if call.args else None
         name = first.id if isinstance(first, ast.Name) else ""
-        if function == "count" and name in LEVELS:
+        if function == "count" and name in self.levels:
             self._inside(formula, name, level)
             return {id(first)}
         if function == "charged":
             self._validate_charged(formula, call)
             return set()
+        if function == _ABSENT:
+            self._validate_absent(formula, call, level)
+            return {id(argument) for argument in call.args}
         # count() is an aggregate as well, but never of a bare name.
         if function in CHECK_FUNCTIONS and (function not in AGGREGATES or isinstance(first, ast.Name)):
             if name not in self.checks:
                 given = ast.unparse(first) if first else "nothing"
+                hint = did_you_mean(name, self.checks, what="checks of this rule set")
                 raise FormulaError(
-                    f"{function}() asks about {given!r}, which is no check",
+                    f"{function}() asks about {given!r}, which is no check"
+                    + (" and no declared level" if function == "count" else ""),
                     place=formula.where,
-                    hint=did_you_mean(name, self.checks, what="checks of this rule set"),
+                    hint=hint + (f"; levels: {', '.join(self.levels)}" if function == "count" else ""),
                 )
             wanted = 2 if function == "measure" else 1
             options = {str(keyword.arg) for keyword in call.keywords}
             if len(call.args) != wanted or options - _OPTIONS.get(function, frozenset()):
                 raise _wrong_arguments(function, ast.unparse(call), formula.where)
             return {id(argument) for argument in call.args}
-        if function not in ("min", "max", "abs", "clip", *AGGREGATES):
-            known = {*CHECK_FUNCTIONS, "min", "max", "abs", "clip", *AGGREGATES}
+        if function not in _KNOWN:
             raise FormulaError(
-                f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, known)
+                f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, _KNOWN)
             )
         return set()
+
+    def _validate_absent(self, formula: Expression, call: ast.Call, level: str) -> None:
+        dotted = text_of(call.args[0]) if call.args else ""
+        at, _, name = dotted.rpartition(".")
+        if at in self.levels:
+            self._validate_name(formula, dotted, level, ())
+        if len(call.args) != 1 or call.keywords or name not in self.facts_of(at):
+            raise FormulaError(
+                f"{ast.unparse(call)}: absent() asks about one fact",
+                place=formula.where,
+                hint=f"name it with its level, as in absent({level}.time_s), and declare it under 'facts:'",
+            )
 
     def _validate_charged(self, formula: Expression, call: ast.Call) -> None:
         named = [str(keyword.arg) for keyword in call.keywords if keyword.arg not in _OPTIONS["charged"]]
@@ -375,34 +494,40 @@ class ScoreSheet:
         if prefix == _RUNS and level == "trial":
             names = [*known]
         elif prefix == _COHORT:
-            names = [n for n, t in self.cohort.items() if LEVELS.index(t.level) >= LEVELS.index(level)]
+            names = [n for n, t in self.cohort.items() if self._depth(t.level) >= self._depth(level)]
         elif not prefix:
             names = [*known, *self.parameters]
         elif prefix == level:
-            names = [*known, *FACTS[level]]
-        elif prefix in LEVELS and LEVELS.index(prefix) < LEVELS.index(level):
-            names = [*self.terms.get(prefix, {}), *FACTS[prefix]]
-        elif prefix in LEVELS:
-            names = [*FACTS[prefix]]
+            names = [*known, *self.facts_of(level)]
+        elif prefix in self.levels and self._depth(prefix) < self._depth(level):
+            names = [*self.terms.get(prefix, {}), *self.facts_of(prefix)]
+        elif prefix in self.levels:
+            names = [*self.facts_of(prefix)]
+        elif prefix in (_RUNS, *self.checks):
+            names = []
         else:
-            raise FormulaError(
-                f"unknown name {dotted!r}",
-                place=formula.where,
-                hint=did_you_mean(prefix, LEVELS, what="scopes"),
-            )
+            where = f"unknown name {dotted!r}"
+            raise no_such_level(prefix, self.levels, place=formula.where, where=where)
         if name not in names:
             hint = did_you_mean(name, names, what="known here")
+            if prefix in self.levels:
+                hint += "; a fact that the trial states must be declared under 'facts:'"
             if name in self.checks:
                 hint = f"{name!r} is a check: ask points({name}), holds({name}), count({name}), …"
+            if not prefix and name in self.facts_of(level):
+                hint = f"it is a fact, which is named with its level: {level}.{name}"
             raise FormulaError(f"unknown name {dotted!r}", place=formula.where, hint=hint)
 
     def _inside(self, formula: Expression, inner: str, level: str) -> None:
-        if LEVELS.index(inner) >= LEVELS.index(level):
+        if self._depth(inner) >= self._depth(level):
             raise FormulaError(
                 f"there is no {inner} inside a {level}",
                 place=formula.where,
-                hint=f"scopes from inside out: {', '.join(LEVELS)}",
+                hint=f"levels from inside out: {', '.join(self.levels)}",
             )
+
+    def _depth(self, level: str) -> int:
+        return self.levels.index(level)
 
 
 class Pricing:
@@ -466,18 +591,54 @@ class ScopeNames:
         if prefix == _RUNS:
             return self._across_runs(name, dotted)
         scope = self._scope(prefix or self.scope.level, dotted)
-        fact = scope.facts.get(name)
-        if isinstance(fact, (int, float)):
-            return Traced(dotted, fact, "fact", subject=scope.path)
+        # Only what is declared: an item may state anything, and a term of that name is not to change with it.
+        if name in sheet.facts_of(scope.level):
+            return Traced(dotted, self._number(scope, name, dotted), "fact", subject=scope.path)
         if name in sheet.terms.get(scope.level, {}) and scope is self.scope:
             return self.pricing.term(scope, name, self.outer)
+        raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
+
+    def text_named(self, dotted: str) -> str | None:
+        """The text of a fact; `None` for what is no fact, or declared as a number."""
+        level, _, name = dotted.rpartition(".")
+        declared = self.pricing.sheet.facts_of(level).get(name)
+        if declared is None or declared.type != TEXT:
+            return None
+        scope = self._scope(level, dotted)
+        value = self._present(scope, name, dotted)
+        if not isinstance(value, str):
+            raise _declared_otherwise(dotted, scope, value, "a text")
+        return value
+
+    def _number(self, scope: Scope, name: str, dotted: str) -> Number:
+        value = self._present(scope, name, dotted)
+        if isinstance(value, str):
+            raise _declared_otherwise(dotted, scope, value, "a number")
+        return value
+
+    def _present(self, scope: Scope, name: str, dotted: str) -> Number | str:
+        """A fact that is known to be there.
+
+        Raises:
+            UnknownFactError: Nothing says it.
+            FormulaError: It is known to be absent.
+        """
+        value = self._fact(scope, name)
+        if value is None:
+            raise FormulaError(
+                f"{dotted} of {scope.path or 'the trial'} is known to be absent",
+                hint=f"say what counts then: … if not absent({dotted}) else …",
+            )
+        return value
+
+    def _fact(self, scope: Scope, name: str) -> Number | str | None:
         # A fact the sheet knows and this trial lacks is unknown: never 0, and never a misspelt name.
-        if name in FACTS[scope.level]:
+        if name not in scope.facts:
             raise UnknownFactError(
                 f"nothing says the {name} of {scope.path or 'the trial'}",
-                hint="add the trial configuration, which states it",
+                hint="add the configuration or record of the trial that states it",
             )
-        raise FormulaError(f"{dotted!r} has no value in {scope.path or 'the trial'}")
+        return scope.facts[name]
 
     def _across_runs(self, name: str, dotted: str) -> Traced:
         """A term summed over all runs of the team; for a run scored alone, that of the run."""
@@ -511,7 +672,9 @@ class ScopeNames:
     ) -> Traced | None:
         """The value of a function on checks or scopes, as `Environment` has it."""
         first = arguments[0].as_name if arguments else ""
-        if function == "count" and first in LEVELS:
+        if function == _ABSENT:
+            return self._absent(first)
+        if function == "count" and first in self.pricing.sheet.levels:
             scopes = list(self.scope.each(first))
             return Traced(f"count({first})", len(scopes), "fact", subject=self.scope.path)
         if function == "charged":
@@ -523,10 +686,16 @@ class ScopeNames:
             return self._aggregate(function, arguments[0], level)
         return None
 
+    def _absent(self, dotted: str) -> Traced:
+        level, _, name = dotted.rpartition(".")
+        scope = self._scope(level, dotted)
+        return Traced(f"absent({dotted})", int(self._fact(scope, name) is None), "fact", subject=scope.path)
+
     def inner_level(self, arguments: Iterable[Expression]) -> str:
         """The outermost level below this one that the argument names."""
-        inner = LEVELS[: LEVELS.index(self.scope.level)]
-        # The outermost, because an aggregate over orders may itself hold one over their parts.
+        levels = self.pricing.sheet.levels
+        inner = levels[: levels.index(self.scope.level)]
+        # The outermost, because an aggregate over tasks may itself hold one over what is inside them.
         named = {
             text_of(node).split(".")[0]
             for argument in arguments
@@ -598,7 +767,7 @@ class ScopeNames:
             return self.pricing.trial, name, ()
         if prefix == _COHORT or level != self.scope.level or (not prefix and name in sheet.parameters):
             return None
-        known = name in sheet.terms.get(level, {}) and name not in self.scope.facts
+        known = name in sheet.terms.get(level, {}) and name not in sheet.facts_of(level)
         return (self.scope, name, self.outer) if known else None
 
     def findings_of(self, check: str) -> dict[str, Finding]:
@@ -656,7 +825,7 @@ class ScopeNames:
         if function == "points":
             shares = _points(findings)
         elif function == "seconds":
-            shares = _seconds(findings)
+            shares = _seconds(findings, label)
         elif function == "demerits":
             shares = _demerits(findings, options.get("tau_s", _DEFAULT_S), label)
         elif function == "measure":
@@ -719,6 +888,17 @@ def scopes_inside(
     ]
 
 
+def _is_call_of(call: ast.Call, function: str) -> bool:
+    return isinstance(call.func, ast.Name) and call.func.id == function
+
+
+def _declared_otherwise(dotted: str, scope: Scope, value: object, wanted: str) -> FormulaError:
+    return FormulaError(
+        f"{dotted} of {scope.path or 'the trial'} is {value!r}, but declared as {wanted}",
+        hint="correct its declaration under 'facts:', or the competition or reader that states it",
+    )
+
+
 def _wrong_arguments(function: str, call: str, where: str) -> FormulaError:
     return FormulaError(f"{call}: wrong arguments", place=where, hint=CHECK_FUNCTIONS[function])
 
@@ -731,9 +911,9 @@ def _product(p: Number, times: int, label: str) -> Number:
 
 
 def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> list[tuple[str, Number]]:
-    """A named quantity of each finding that has it; a name that no satisfied finding has is misspelt.
+    """A named quantity of each finding; a name that no satisfied finding has is misspelt.
 
-    Satisfied findings without any quantity are those of checks that measure violations alone: 0.
+    Satisfied findings without it are those of checks that measure violations alone: 0.
     """
     kept = any(f.verdict is Verdict.SATISFIED and f.quantities for f in findings.values())
     known = {name for finding in findings.values() for name in finding.quantities}
@@ -742,7 +922,12 @@ def _measures(findings: Mapping[str, Finding], quantity: str, label: str) -> lis
             f"{label}: no finding has the quantity {quantity!r}",
             hint=did_you_mean(quantity, known, what="quantities of this check"),
         )
-    return [(key, f.quantities[quantity]) for key, f in findings.items() if quantity in f.quantities]
+    instead = f"ask first whether there is one, as in '{label} if not violated(…) else …'"
+    return [
+        (key, _priced_quantity(key, f, quantity, label, instead))
+        for key, f in findings.items()
+        if quantity in f.quantities or f.verdict is Verdict.VIOLATED
+    ]
 
 
 def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
@@ -750,11 +935,14 @@ def _unit_of(findings: Mapping[str, Finding], quantity: str) -> str:
     return next((f.units[quantity] for f in findings.values() if quantity in f.units), "")
 
 
+_NO_DEPTH = "price a check without depth with count(), occurrences() or charged()"
+
+
 def _demerits(findings: Mapping[str, Finding], tau_s: Number, label: str) -> list[tuple[str, Number]]:
     if not tau_s > 0:
         raise FormulaError(f"{label}: tau_s must be positive", hint="give a time in s, such as 5")
     return [
-        (key, 1 + finding.quantities.get("relative_depth_integral_s", 0.0) / tau_s)
+        (key, 1 + _priced_quantity(key, finding, _DEPTH, label, _NO_DEPTH) / tau_s)
         for key, finding in findings.items()
         if finding.verdict is Verdict.VIOLATED
     ]

@@ -34,7 +34,7 @@ from ariac_score.scoring.attribution import (
     truth,
 )
 from ariac_score.scoring.cohort import CohortValues
-from ariac_score.scoring.expression import COMPARISONS, FUNCTIONS, Expression, Number, Traced, text_of
+from ariac_score.scoring.expression import APPLIED, COMPARISONS, Expression, Number, Traced, text_of
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import (
@@ -128,6 +128,9 @@ class _Visitor:
         if found is not None:
             term = self.maker.term(*found)
             return self._of_all_runs(dotted, term) if dotted.startswith("runs.") else term
+        text = self.names.text_named(dotted)
+        if text is not None:
+            return Given(dotted, text, _WORLDS, of_trial=True)
         cohort = dotted.startswith("cohort.")
         value = self.names.name(dotted)
         return Given(
@@ -213,7 +216,7 @@ class _Visitor:
         level = self.names.inner_level(arguments) if len(arguments) == 1 else ""
         if function in AGGREGATES and level:
             return self._aggregate(function, arguments[0], level)
-        if function not in FUNCTIONS:  # one that only says what is there, such as how many orders
+        if function not in APPLIED:  # one that only says what is there, such as how many orders
             return Given(label, self.formula.part(node).evaluate(self.names).value, _WORLDS, of_trial=True)
         return _joined(function, label, [self.visit(argument) for argument in node.args])
 
@@ -323,7 +326,7 @@ def _joined(function: str, label: str, nodes: Sequence[Node]) -> Node:
         return Sum(label, [(1, node) for node in holds], _numbers(lambda *v: sum(v), *holds))
     if function in ("any", "all"):
         return Every(label, [truth(node) for node in nodes], every=function == "all", worlds=_WORLDS)
-    apply = FUNCTIONS[function]
+    apply = APPLIED[function]
     if function in ("sum", "mean"):
         by: Exact = 1 if function == "sum" else Fraction(1, max(1, count))
         return Sum(label, [(by, node) for node in nodes], _numbers(apply, *nodes))

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
@@ -26,7 +27,7 @@ __all__ = [
 ]
 
 
-def write(text: str, file: Path | None) -> None:
+def write(text: str, file: str | PathLike[str] | None) -> None:
     """Print the text, or write it to a file that is either complete or absent.
 
     A link keeps pointing where it did; a device or pipe is written to, not replaced.
@@ -41,7 +42,12 @@ def write(text: str, file: Path | None) -> None:
         except BrokenPipeError:  # the command goes on: its exit code is what it found, whoever reads it
             discard_output()
     else:
-        write_bytes(text.encode("utf-8"), file)
+        try:
+            path = Path(file)
+        except TypeError:
+            words = f"a path is wanted, and a {type(file).__name__} is given"
+            raise UsageError(words, hint="give the path as text or as a Path") from None
+        write_bytes(text.encode("utf-8"), path)
 
 
 write_output = write

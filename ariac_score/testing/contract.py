@@ -22,6 +22,7 @@ from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of
+from ariac_score.errors import PluginError
 from ariac_score.testing.contract_check import (
     HINT,
     ContractCheck,
@@ -31,6 +32,7 @@ from ariac_score.testing.contract_check import (
     snapshot,
     undocumented,
 )
+from ariac_score.testing.forced import forced_trials
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
@@ -88,7 +90,7 @@ class _Checked:
 
     def checks(self) -> list[ContractCheck]:
         """In the order in which one failing explains the next."""
-        named = [
+        plain: list[tuple[str, str, Callable[[], None]]] = [
             ("docstring_sections", "its docstring has the sections of a help page", self.docstring_sections),
             ("built_by_name", "a rule set can build it, with parameters by name", self.built_by_name),
             ("possible_findings", "times, units, numbers and subjects are possible", self.possible),
@@ -100,6 +102,7 @@ class _Checked:
             ("order_of_signals", "the order of signals and bodies is irrelevant", self.order_of_signals),
             ("time_shift", "a later start moves spans and nothing else", self.time_shift),
         ]
+        named: list[tuple[str, str, Callable[[], str | None]]] = [*plain]
         if isinstance(self.check, Monitor):
             named += [
                 ("needs_declared", "it uses no signal that it does not declare", self.needs_declared),
@@ -111,6 +114,7 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
+        named.append(("decides", "it was seen to decide, and to decide alike", self.decides))
         # By the name alone: a class with `begin` means to be online, and must keep all of that contract.
         if hasattr(self.check, "begin"):
             named += [
@@ -132,10 +136,13 @@ class _Checked:
     def trial(self) -> Trial:
         """The trial with what the monitor needs, as the engine would hand it over."""
         if self._derived is None:
-            needs = needs_of(self.plugin, "contract", self.check)
-            wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-            self._derived = derive_signals(self._trial, wanted) if needs else self._trial
+            self._derived = self._derive(self._trial)
         return self._derived
+
+    def _derive(self, trial: Trial) -> Trial:
+        needs = needs_of(self.plugin, "contract", self.check)
+        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+        return derive_signals(trial, wanted) if needs else trial
 
     @property
     def findings(self) -> list[Finding]:
@@ -307,6 +314,47 @@ class _Checked:
                     f"decides {finding.subject!r} although no submission is recorded: {finding.message!r}"
                 )
 
+    def decides(self) -> str:
+        """It reaches both verdicts in trials made for it, and keeps the contract there too.
+
+        Returns:
+            Which verdict was never seen; empty when both were.
+        """
+        seen: dict[Verdict, Trial | None] = {
+            verdict: None for verdict in _DECIDED if any(f.verdict is verdict for f in self.findings)
+        }
+        needs = needs_of(self.plugin, "contract", self.check)
+        tried = 1
+        for trial in forced_trials(self.check, needs) if isinstance(self.check, Monitor) else ():
+            if len(seen) == len(_DECIDED):
+                break
+            tried += 1
+            for verdict in {finding.verdict for finding in self.ask(self._derive(trial))} - seen.keys():
+                if verdict in _DECIDED:
+                    seen[verdict] = trial
+        for verdict, made in seen.items():
+            if made is not None:
+                self._alike_in(made, verdict)
+        unseen = [verdict.value for verdict in _DECIDED if verdict not in seen]
+        if len(unseen) == len(_DECIDED) and needs:
+            raise self.broken(
+                f"was neither satisfied nor violated in {tried} trials, with what it needs low, high, "
+                "sweeping, noisy and with a gap: nothing shows that it decides anything"
+            )
+        return f"it was never {' nor '.join(unseen)} in {_trials(tried)}" if unseen else ""
+
+    def _alike_in(self, trial: Trial, verdict: Verdict) -> None:
+        """The checks of pure calls, on a trial in which it decides."""
+        other = _Checked(self.check, trial, self.budget_s)
+        required = [other.repeats, other.trial_unchanged, other.order_of_signals]
+        if hasattr(self.check, "margins"):
+            required.append(other.margins)
+        for check in required:
+            try:
+                check()
+            except PluginError as error:
+                raise self.broken(f"{error.fault} (in a trial in which it is {verdict.value})") from error
+
     def resolved(self) -> None:
         try:
             first, second = (snapshot(dict(check.resolved())) for check in (self.check, self._rebuilt()))
@@ -358,6 +406,10 @@ class _Checked:
     def _checked(self, findings: list[Finding]) -> list[Finding]:
         """Findings of a watch after the same checks, order and rounding as those of any monitor."""
         return self.ask(self.trial, _Replayed(findings, self.check))
+
+
+def _trials(number: int) -> str:
+    return "the one trial it was tried on" if number == 1 else f"{number} trials"
 
 
 def _chart_marks(chart: Chart) -> tuple[object, ...]:

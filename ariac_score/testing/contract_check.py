@@ -30,12 +30,12 @@ class ContractCheck:
     Attributes:
         name: Such as `time_shift`.
         about: What is required, in one sentence.
-        run: Tries it.
+        run: Tries it; returns what was not seen although it is kept, in words.
     """
 
     name: str
     about: str
-    run: Callable[[], None] = dataclasses.field(repr=False)
+    run: Callable[[], str | None] = dataclasses.field(repr=False)
 
     @property
     def __name__(self) -> str:

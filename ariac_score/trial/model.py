@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
 
 from ariac_score.errors import LogError, MissingSignalError
 from ariac_score.trial import quaternions
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
-from ariac_score.trial.signals import LARGEST_VALUE, Signal
-from ariac_score.trial.spans import Span
+from ariac_score.trial.signals import LARGEST_VALUE, Signal, align, columns_of
+from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.work import Fact, WorkItem, announced_s, checked_facts
 
 __all__ = [
@@ -502,6 +505,32 @@ class Trial:
         if signal.unit != unit:
             raise LogError(f"signal {name!r} is in {signal.unit!r}, the check asks for {unit!r}")
         return signal
+
+    def to_frame(self, *names: str, max_gap_s: float = math.inf) -> Any:
+        """Signals side by side as a `pandas.DataFrame`: one row for each time that all of them cover.
+
+        Between its samples a signal runs straight (`align`). The units are in `attrs["units"]`.
+
+        Args:
+            names: Of signals; without any, all of them.
+            max_gap_s: Longest stretch between two samples that is crossed, s.
+
+        Raises:
+            MissingSignalError: A signal is not in the log.
+            UsageError: pandas is not installed.
+        """
+        for name in names:
+            if name not in self.signals:
+                raise MissingSignalError(name, self.signals)
+        chosen = [self.signals[name] for name in names or self.signals]
+        t, values = align(chosen, max_gap_s=max_gap_s) if chosen else (np.empty(0), [])
+        columns: dict[str, FloatArray] = {"t_s": t}
+        units: dict[str, str] = {}
+        for signal, own in zip(chosen, values, strict=True):
+            these = columns_of(signal.name, own)
+            columns.update(these)
+            units.update(dict.fromkeys(these, signal.unit))
+        return frame(columns, index="t_s", units=units)
 
     def bodies_of(self, kind: str) -> tuple[Body, ...]:
         """The bodies of one kind, sorted by id."""

@@ -9,9 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from ariac_score.trial.frames import frame
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
 
-__all__ = ["LARGEST_VALUE", "Sample", "Signal", "align", "common_times", "sealed", "settle"]
+__all__ = [
+    "LARGEST_VALUE",
+    "Sample",
+    "Signal",
+    "align",
+    "columns_of",
+    "common_times",
+    "sealed",
+    "settle",
+]
 
 
 @dataclass(frozen=True)
@@ -100,11 +110,29 @@ class Signal:
         """The stretches of a window this signal says nothing about."""
         return uncovered_spans(self.t, window, max_gap_s=max_gap_s)
 
+    def to_frame(self) -> Any:
+        """The samples as a `pandas.DataFrame`: times `t_s` as its index, a column for each component.
+
+        The unit is in `attrs["units"]`.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        columns = {"t_s": self.t, **columns_of(self.name, self.values)}
+        return frame(columns, index="t_s", units=dict.fromkeys([*columns][1:], self.unit))
+
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""
         value = self.values[i]
         plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
         return Sample(self.name, float(self.t[i]), plain, self.unit)
+
+
+def columns_of(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    """The values of a signal as columns under its name, numbered where they have components."""
+    if values.ndim == 1:
+        return {name: values}
+    return {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
 
 
 def covered(samples_s: FloatArray, t: FloatArray, *, max_gap_s: float) -> BoolArray:

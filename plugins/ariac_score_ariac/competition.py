@@ -29,6 +29,16 @@ class Ariac:
 
     edition: int | None = None
 
+    levels: ClassVar = ("part", "submission", "order", "trial")
+    facts: ClassVar = {
+        "submission": {"parts": {"type": "number", "meaning": "number of wanted products"}},
+        "order": {
+            "index": {"type": "number", "meaning": "0 for the first order announced, 1 for the second, …"},
+            "priority": {"type": "number", "meaning": "as the order gives it"},
+            "parts": {"type": "number", "meaning": "number of wanted products"},
+        },
+        "trial": {"orders": {"type": "number", "meaning": "number of orders"}},
+    }
     motions: ClassVar = ("snapshot", "human_state", "frames")
 
     def unknown_products(self, orders: Sequence[Order], edition: int) -> list[LogDefect]:

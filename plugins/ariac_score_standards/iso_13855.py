@@ -1,4 +1,7 @@
-"""Distance between a sensing line and the hazard behind it, after ISO 13855 (2010 and 2024)."""
+"""Distance between a sensing line and the hazard behind it, after ISO 13855 (2010 and 2024).
+
+And after the rules of the USA, which have the same form with other numbers: S = K T + D_pf + Z.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ from ariac_score.monitors import (
 from ariac_score_standards.geometry import check_polygon, depth_inside_m, distance_between_m
 from ariac_score_standards.parameters import LENGTH
 
-Edition = Literal["2010", "2024"]
+Edition = Literal["2010", "2024", "us"]
 Arrangement = Literal["orthogonal", "whole_body", "parallel", "two_hand", "interlocked_guard"]
 
 HAND_SPEED_M_S = 2.0
@@ -38,7 +41,17 @@ SWITCH_M = 0.5
 LEAST_M = 0.1
 """An orthogonal field is never nearer to the hazard than this."""
 
-_CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
+US_SPEED_M_S = 63 * 0.0254
+"""63 inches per second, the hand speed of OSHA 29 CFR 1910.217 (verified: osha.gov); walking is no faster."""
+US_COARSE_M = 0.064
+"""From this resolution on D_pf is that of an arm (verified: manuals of SICK M4000 and Banner SX5)."""
+US_ARM_M = 0.9
+"""D_pf where an arm reaches through before anything is detected (verified: the same)."""
+US_PARALLEL_M = 1.2
+"""D_pf of a field parallel to the floor, or one that can be reached over (verified: the same)."""
+
+_ISO_CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
+_US_CLAUSE = "derived from OSHA 29 CFR 1910.217 and ANSI B11.19, safety distance"
 _ROUNDING_M = 1e-12
 """500 mm, worked out in m, is 0.5 m whatever the last bit says. All else would switch speeds on rounding."""
 
@@ -49,7 +62,7 @@ class MinimumDistance:
 
     Attributes:
         total_m: S, m.
-        intrusion_m: C (2010) or the reach D (2024), without the supplement Z, m.
+        intrusion_m: C (2010), the reach D (2024) or D_pf (us), without the supplement Z, m.
         first_step_m: S with the speed of a hand, before the switch at 500 mm, m.
     """
 
@@ -69,16 +82,16 @@ def minimum_distance(
     reach_m: float = 0.0,
     covered: bool = False,
 ) -> MinimumDistance:
-    """S = K T + C (2010), S = K T + D + Z (2024).
+    """S = K T + C (2010), S = K T + D + Z (2024), S = K T + D_pf + Z (us).
 
     Args:
-        edition: `2010` or `2024`; values of the latter come from free vendor guides.
+        edition: Of ISO 13855, `2010` or `2024` (whose values come from free vendor guides); or `us`.
         arrangement: How the safeguard stands to the approach.
         stopping_time_s: T, overall stopping performance, s (not ms).
         resolution_m: d, smallest detected object, m.
         height_m: H, height of a field parallel to the floor, m.
-        supplement_m: Z, 2024 only, m.
-        reach_m: Reach through the opening of a guard, m.
+        supplement_m: Z, 2024 and us, m.
+        reach_m: Reach through the opening of a guard; us: also over beams, m.
         covered: Whether a two-hand control is covered.
 
     Raises:
@@ -87,9 +100,13 @@ def minimum_distance(
     >>> minimum_distance("2010", "orthogonal", 0.32, resolution_m=0.014).total_m
     0.512
     """
-    z = supplement_m if edition == "2024" else 0.0
+    z = supplement_m
     if edition == "2010" and supplement_m:
-        raise ValueError("supplement_m (Z) belongs to edition 2024")
+        raise ValueError("supplement_m (Z) belongs to edition 2024 and to us")
+    if edition == "us":
+        depth = _us_depth_m(arrangement, resolution_m, reach_m)
+        total = US_SPEED_M_S * stopping_time_s + depth + z
+        return MinimumDistance(total, depth, total)
     if arrangement == "orthogonal":
         return _orthogonal(edition, stopping_time_s, resolution_m, z)
     if arrangement == "parallel":
@@ -104,6 +121,21 @@ def minimum_distance(
         intrusion = 0.85
     total = WALKING_SPEED_M_S * stopping_time_s + intrusion + z
     return MinimumDistance(total, intrusion, total)
+
+
+def _us_depth_m(arrangement: Arrangement, resolution_m: float, reach_m: float) -> float:
+    """D_pf, how far somebody gets before being detected, m: 3.4 (d - 6.875 mm) through a fine field.
+
+    >>> round(_us_depth_m("orthogonal", 0.014, 0.0), 6)
+    0.024225
+    """
+    if arrangement == "orthogonal" and resolution_m < US_COARSE_M - _ROUNDING_M:
+        return max(3.4 * (resolution_m - 0.006875), 0.0)
+    if arrangement == "parallel":
+        return US_PARALLEL_M
+    if arrangement == "two_hand":  # nothing is reached through: both hands are at the control
+        return 0.0
+    return reach_m if arrangement == "interlocked_guard" else max(US_ARM_M, reach_m)
 
 
 def _orthogonal(edition: Edition, t_s: float, d_m: float, z_m: float) -> MinimumDistance:
@@ -146,8 +178,9 @@ class SafeguardDistance(LimitMonitor):
     Violated when:
         The line is too near, or the robot then moves faster than standstill.
     Source:
-        ISO 13855, editions 2010 and 2024, from manuals and free vendor guides; the
-        check at run time is our reading of it.
+        ISO 13855, editions 2010 and 2024, from manuals and free vendor guides. `us`: OSHA
+        29 CFR 1910.217 and ANSI B11.19 as OSHA's own page and makers' guides (Rockwell,
+        SICK, Banner) give them. The check at run time is our reading of both.
     """
 
     example: ClassVar[Mapping[str, Any]] = {
@@ -155,7 +188,9 @@ class SafeguardDistance(LimitMonitor):
         "hazard": [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]],
     }
 
-    edition: Edition = parameter("2010", source="2024 is known from free vendor guides only")
+    edition: Edition = parameter(
+        "2010", source="2024 is known from free vendor guides only; us: OSHA and ANSI, likewise"
+    )
     arrangement: Arrangement = parameter("orthogonal", source="set per cell")
     stopping_time_s: float = parameter(
         0.5, unit="s", above=0, at_most=20, source="T, overall stopping performance; measured per machine"
@@ -164,8 +199,8 @@ class SafeguardDistance(LimitMonitor):
         0.03, unit="m", at_least=0, at_most=1, source="d; data of the sensing device"
     )
     height_m: float = parameter(0.3, source="H of a field parallel to the floor; per cell", **LENGTH)
-    supplement_m: float = parameter(0.0, source="Z, edition 2024", **LENGTH)
-    reach_m: float = parameter(0.0, source="reach through a guard; per guard", **LENGTH)
+    supplement_m: float = parameter(0.0, source="Z, edition 2024 and us", **LENGTH)
+    reach_m: float = parameter(0.0, source="reach through a guard, us: also over beams; per guard", **LENGTH)
     covered: bool = parameter(False, source="whether a two-hand control is covered")
     line: tuple[tuple[float, ...], ...] = parameter(
         (), unit="m", source="both ends [x, y] of the sensing line; required"
@@ -215,7 +250,7 @@ class SafeguardDistance(LimitMonitor):
     @property
     def clause(self) -> str:
         """Of the edition."""
-        return _CLAUSE.format(edition=self.edition)
+        return _US_CLAUSE if self.edition == "us" else _ISO_CLAUSE.format(edition=self.edition)
 
     @property
     def lacks(self) -> str:

@@ -55,14 +55,14 @@ def check_units(formula: Node, units: Mapping[str, str]) -> None:
 
 
 def unit_of(node: Node, units: Mapping[str, str]) -> str:
-    """The unit of a predicate's margin, as declared; empty where it is none of the declared."""
+    """The unit of a predicate's margin: as declared, where it is one of the declared."""
     known = {name: parse_unit(unit) for name, unit in units.items()}
-    for side in node.sides:
-        unit = _unit(side.root, known, node)
+    found = [unit for side in node.sides if (unit := _unit(side.root, known, node)) is not None]
+    for unit in found:
         for name in sorted(units):
-            if unit is not None and known[name] == unit:
+            if known[name] == unit:
                 return units[name]
-    return ""
+    return _shown(found[0]) if found else "1"
 
 
 def _agree(a: Unit | None, b: Unit | None, node: Node, text: str) -> Unit | None:

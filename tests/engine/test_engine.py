@@ -854,7 +854,7 @@ def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
 # Recordings without orders ---------------------------------------------------------------
 
 MONITORS_ALONE = (
-    "{id: alone, title: monitors alone, source: a test, log_map: ariac2020, "
+    "{id: alone, title: monitors alone, source: a test, log_map: ariac2020, competition: {use: ariac}, "
     "monitors: {separation: {use: iso_ts_15066.ssm_separation}}, %s}"
 )
 

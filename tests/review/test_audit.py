@@ -526,7 +526,7 @@ def test_misspelt_names_are_found_when_a_rule_set_is_loaded(tmp_path: Path, keys
 
 @pytest.mark.parametrize(
     "keys",
-    ["printed: {orders: {}}", "printed: {order: {total: {within: -1}}}", "adds_up: {order: {total: {}}}"],
+    ["printed: {order: 7}", "printed: {order: {total: {within: -1}}}", "adds_up: {order: {total: {}}}"],
 )
 def test_keys_of_another_form_are_refused(tmp_path: Path, keys: str) -> None:
     file = tmp_path / "mine.yaml"

@@ -24,6 +24,7 @@ id: made
 title: Made
 source: a test
 log_map: ariac2020
+competition: {use: ariac}
 rules:
   part_color: {use: kitting.presence, with: {compare: type_and_color}}
 monitors:

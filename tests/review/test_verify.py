@@ -72,8 +72,10 @@ def words(found: Verification, name: str) -> str:
 def test_a_result_holds_alone_and_with_its_log(stored: Path) -> None:
     alone, whole = verify_result(stored), verify_result(stored, log=LOG, rules="paper2020")
 
-    assert [s.name for s in alone.steps] == ["schema", "sums", "automatic", "bytes", "rules", "code"]
-    assert [s.name for s in whole.steps][6:] == ["log", "recomputed"]
+    assert [s.name for s in alone.steps] == [
+        *("schema", "sums", "automatic", "findings", "bytes", "rules", "code")
+    ]
+    assert [s.name for s in whole.steps][7:] == ["log", "recomputed"]
     assert {s.outcome for s in whole.steps} == {"ok"}
     assert words(whole, "recomputed") == "the same to the byte"
 
@@ -316,6 +318,72 @@ def test_code_that_is_not_installed_is_named(stored: Path, tmp_path: Path) -> No
     found = verify_result(edited(stored, tmp_path, _set("provenance/code/0", stranger)))
 
     assert "stranger 2 with stranger made it, and is not installed here" in words(found, "code")
+
+
+# Findings that cannot be ----------------------------------------------------------------
+
+
+def _finding(data: dict[str, Any], check: str) -> dict[str, Any]:
+    found: dict[str, Any] = data["measured"]["findings"][f"{check}#1"]
+    return found
+
+
+def _negative_time(data: dict[str, Any]) -> None:
+    _finding(data, "separation")["quantities"]["time_in_violation_s"] = -5.0
+
+
+def _late(data: dict[str, Any]) -> None:
+    _finding(data, "separation")["span"]["end_s"] = 41.0
+
+
+def _kept_by_a_margin(data: dict[str, Any]) -> None:
+    _finding(data, "separation")["robustness"] = 0.5
+
+
+def _undeclared(data: dict[str, Any]) -> None:
+    finding = _finding(data, "separation")
+    finding["quantities"]["bonus"] = 1.0
+
+
+def _in_another_unit(data: dict[str, Any]) -> None:
+    _finding(data, "separation")["units"]["time_in_violation_s"] = "m"
+
+
+def _evidence_of_tomorrow(data: dict[str, Any]) -> None:
+    _finding(data, "separation")["evidence"][0]["t_s"] = 86400.0
+
+
+@pytest.mark.parametrize(
+    ("forge", "words_of_it"),
+    [
+        (_negative_time, "separation#1: its quantities.time_in_violation_s is -5 s"),
+        (_late, "separation#1: its span gives the time 41 s, outside what was watched, from 0 s to 40 s"),
+        (_kept_by_a_margin, "separation#1: its robustness is +0.5, but a violation has none above 0"),
+        (_undeclared, "separation#1: its quantities.bonus is not declared"),
+        (_in_another_unit, "separation#1: its units.time_in_violation_s is 'm', but the check declares 's'"),
+        (_evidence_of_tomorrow, "separation#1: its evidence 1 gives the time 86400 s, outside"),
+    ],
+)
+def test_a_finding_that_cannot_be_is_found_without_the_log_even_where_its_price_follows(
+    stored: Path, tmp_path: Path, forge: Edit, words_of_it: str
+) -> None:
+    forged = edited(stored, tmp_path, forge)
+    repriced = tmp_path / "repriced.json"
+    assert (
+        main(["price", str(forged), "--rules", "paper2020", "--output-format", "json", "-o", str(repriced)])
+        == 0
+    )
+
+    found = verify_result(repriced)
+
+    assert next(step for step in found.steps if step.name == "automatic").outcome == "ok"
+    assert not found.holds
+    assert words_of_it in words(found, "findings")
+    assert main(["verify", str(repriced)]) == 1
+
+
+def test_what_the_engine_measured_can_be(stored: Path) -> None:
+    assert "each with times, units and numbers that can be" in words(verify_result(stored), "findings")
 
 
 # Adjusted results ----------------------------------------------------------------------

@@ -10,9 +10,11 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.levels import declared_facts
 from ariac_score.scoring.pricing import contribute, price
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score_ariac.competition import Ariac
 
 CHECKS = frozenset({"time", "cost"})
 TRIAL = Scope(
@@ -59,6 +61,8 @@ def sheet(
         CHECKS,
         cohort={term.name: term for term in cohort},
         task=None if task is None else formula(task),
+        levels=Ariac.levels,
+        facts=declared_facts(Ariac.facts),
     )
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.doubt import doubts
 from ariac_score.scoring.expression import Expression, Number
+from ariac_score.scoring.levels import DeclaredFact
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 
@@ -22,11 +23,12 @@ def found(**verdicts: Verdict) -> dict[str, Finding]:
     return {f"{check}#1": Finding("o", verdict, "made", check=check) for check, verdict in verdicts.items()}
 
 
+PARTS = {"order": {"parts": DeclaredFact()}}
 FINDINGS = found(yes=Verdict.SATISFIED, no=Verdict.VIOLATED, open=Verdict.INCONCLUSIVE)
 
 
 def hangs_on(formula: str, findings: Mapping[str, Finding] = FINDINGS) -> list[str]:
-    sheet = ScoreSheet(terms={}, score=Expression.parse(0), checks=CHECKS)
+    sheet = ScoreSheet({}, Expression.parse(0), CHECKS, levels=("order", "trial"), facts=PARTS)
     traced = sheet.evaluate_in(Expression.parse(formula), NO_ORDER, findings)[""]
     return doubts(traced, findings, {k for k, f in findings.items() if f.verdict is Verdict.INCONCLUSIVE})
 

@@ -15,9 +15,11 @@ from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import LARGEST_INTEGER, Expression
 from ariac_score.scoring.ledger import Line, make_ledger, reconcile, rounded
+from ariac_score.scoring.levels import declared_facts
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import tree_of
+from ariac_score_ariac.competition import Ariac
 
 LAWFUL = settings(max_examples=100, derandomize=True, deadline=None)
 S, V = Verdict.SATISFIED, Verdict.VIOLATED
@@ -71,6 +73,8 @@ def ledger_of(
         Expression.parse(score, where="$.score"),
         frozenset({"right", "near"}),
         {"k": 0.4},
+        levels=Ariac.levels,
+        facts=declared_facts(Ariac.facts),
     )
     return ledger_by(sheet, scope, found, digits)
 

@@ -67,7 +67,7 @@ def priced(
         findings.append(Finding("robot/human", Verdict.SATISFIED, "m", check="human_contact"))
     numbered = {f"{finding.check}#{n}": finding for n, finding in enumerate(findings)}
     parts = tuple(Scope("part", f"{path}/part_{i}") for i in range(PARTS))
-    order = Scope("order", "order_0", {"index": 0}, (Scope("submission", path, {"parts": PARTS}, parts),))
+    order = Scope("order", "order_0", {"index": 0}, (Scope("task", path, {"parts": PARTS}, parts),))
     trial = Scope("trial", "", {"duration_s": 100.0, "orders": 1}, (order,))
     value = value_of(numbered, trial, rule_set.sheet, rule_set.policies)
     assert value is not None

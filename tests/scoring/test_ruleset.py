@@ -14,7 +14,6 @@ from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text, rule_set_names
 from ariac_score.scoring.scope import Scope
-from ariac_score.scoring.sheet import FACTS
 
 REGISTRY = Registry()
 SOUND = """\
@@ -41,6 +40,7 @@ terms:
     demerits: weight * demerits(separation, tau_s=5)
 score: sum(order.total) / (1 + demerits)
 round: 3
+competition: {use: ariac}
 """
 
 
@@ -168,7 +168,6 @@ def test_digits_default_to_6(written: Path) -> None:
             "unknown key 'wiht'",
             "did you mean 'with'?",
         ),
-        ("  order:\n", "  ordr:\n", "line 18, $.terms.ordr", "unknown key 'ordr'", "did you mean 'order'?"),
         (
             "{max_distance_m: 0.03}",
             "{max_distanc_m: 0.03}",
@@ -400,14 +399,17 @@ def test_a_rule_set_file_that_is_missing_is_said_to_be_missing(tmp_path: Path) -
 
 
 def test_every_fact_a_formula_may_name_is_described() -> None:
-    assert all(words for facts in FACTS.values() for words in facts.values())
+    facts = load_rule_set("paper2020").sheet.facts
+
+    assert {level for level, own in facts.items() if own} == {"submission", "order", "trial"}
+    assert all(fact.meaning for own in facts.values() for fact in own.values())
 
 
 # The competition -----------------------------------------------------------------------
 
 
 def test_the_competition_is_built_with_its_parameters(written: Path) -> None:
-    text = SOUND.replace("source:", "competition: {use: ariac, with: {edition: 2020}}\nsource:")
+    text = SOUND.replace("{use: ariac}", "{use: ariac, with: {edition: 2020}}")
     written.write_text(text, encoding="utf-8")
 
     competition = load_rule_set(str(written)).build_competition(REGISTRY)
@@ -417,7 +419,10 @@ def test_the_competition_is_built_with_its_parameters(written: Path) -> None:
 
 
 def test_a_rule_set_that_names_no_competition_has_none(written: Path) -> None:
-    written.write_text(SOUND, encoding="utf-8")
+    text = SOUND.replace(
+        "competition: {use: ariac}", "levels: [order, trial]\nfacts: {order: {priority: number}}"
+    )
+    written.write_text(text, encoding="utf-8")
 
     assert load_rule_set(str(written)).build_competition(REGISTRY) is None
 
@@ -433,17 +438,17 @@ def test_a_parameter_of_the_competition_at_the_top_is_refused_with_the_line_to_w
 @pytest.mark.parametrize(
     ("competition", "kind", "cause", "line"),
     [
-        ("{use: regatta}", PluginNotFoundError, "no installed distribution provides 'regatta'", 4),
-        ("{use: ariac, with: {editoin: 2020}}", RuleSetError, "ariac has no parameter 'editoin'", 4),
-        ("{use: ariac, with: {edition: latest}}", RuleSetError, "'latest' is not a int", 4),
-        ("ariac", RuleSetError, "'ariac' is not of type 'object'", 4),
-        ("{with: {edition: 2020}}", RuleSetError, "key 'use' is missing", 4),
+        ("{use: regatta}", PluginNotFoundError, "no installed distribution provides 'regatta'", 24),
+        ("{use: ariac, with: {editoin: 2020}}", RuleSetError, "ariac has no parameter 'editoin'", 24),
+        ("{use: ariac, with: {edition: latest}}", RuleSetError, "'latest' is not a int", 24),
+        ("ariac", RuleSetError, "'ariac' is not of type 'object'", 24),
+        ("{with: {edition: 2020}}", RuleSetError, "key 'use' is missing", 24),
     ],
 )
 def test_a_mistake_in_the_competition_is_told_at_its_place(
     written: Path, competition: str, kind: type[ScoreError], cause: str, line: int
 ) -> None:
-    text = SOUND.replace("source: by hand", f"source: by hand\ncompetition: {competition}")
+    text = SOUND.replace("competition: {use: ariac}", f"competition: {competition}")
     written.write_text(text, encoding="utf-8")
 
     with pytest.raises(kind) as refused:
@@ -455,9 +460,148 @@ def test_a_mistake_in_the_competition_is_told_at_its_place(
 
 
 def test_the_rules_of_an_older_result_name_their_competition_by_its_parameter() -> None:
-    text = SOUND.replace("source: by hand", "source: by hand\nedition: 2019")
+    text = SOUND.replace("competition: {use: ariac}", "edition: 2019")
 
     competition = rule_set_from_text(text, file="the rules in the result").competition
 
     assert competition is not None
     assert (competition.use, dict(competition.parameters)) == ("ariac", {"edition": 2019})
+
+
+# Levels and facts ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "cause", "hint"),
+    [
+        ("  order:\n", "  ordr:\n", "line 18, $.terms.ordr", "level 'ordr' is not declared", "'order'?"),
+        ("sum(order.total)", "sum(odrer.total)", "line 22", "level 'odrer' is not declared", "'order'?"),
+        (
+            "sum(order.total)",
+            "sum(object.total)",
+            "line 22",
+            "level 'object' is not declared",
+            "write for instance 'levels: [object, part, submission, order, trial]'",
+        ),
+        (
+            "round: 3",
+            "printed: {objects: {}}",
+            "line 23, $.printed.objects",
+            "not declared",
+            "part, submission",
+        ),
+        (
+            "round: 3",
+            "adds_up: {objects: {}}",
+            "line 23, $.adds_up.objects",
+            "not declared",
+            "part, submission",
+        ),
+        (
+            "round: 3",
+            "cohort: {t: {of: run, mean: 1}}",
+            "line 23, $.cohort.t.of",
+            "'run' is not declared",
+            "part",
+        ),
+        (
+            "round: 3",
+            "facts: {run: {time_s: number}}",
+            "line 23, $.facts.run",
+            "'run' is not declared",
+            "part",
+        ),
+        ("round: 3", "levels: [order, order, trial]", "line 23, $.levels", "declared twice", "once"),
+        (
+            "round: 3",
+            "levels: [trial, order]",
+            "line 23, $.levels",
+            "the last level is 'order'",
+            "inside out",
+        ),
+        ("round: 3", "levels: [weight, order, trial]", "$.levels", "the name of a parameter", "one thing"),
+        ("round: 3", "levels: [runs, order, trial]", "$.levels", "value across runs", "one thing"),
+        ("round: 3", "levels: [count, order, trial]", "$.levels", "the name of a function", "one thing"),
+        ("round: 3", "levels: [lambda, order, trial]", "$.levels", "'lambda' is no name", "a word"),
+        ("round: 3", "facts: {order: {total: number}}", "$.terms.order.total", "a fact of each order", "one"),
+        (
+            "round: 3",
+            "facts: {trial: {duration_s: text}}",
+            "$.facts.trial",
+            "a number of every",
+            "another name",
+        ),
+    ],
+)
+def test_a_mistake_in_levels_or_facts_is_told_with_its_place(
+    written: Path, old: str, new: str, place: str, cause: str, hint: str
+) -> None:
+    error = refusal(written, old, new, FormulaError)
+
+    assert place in error.place
+    assert cause in error.cause
+    assert hint in error.hint
+
+
+@pytest.mark.parametrize("facts", ["{order: {kind: word}}", "{order: {kind: {unit: m}}}", "{order: [kind]}"])
+def test_a_fact_is_a_number_or_a_text(written: Path, facts: str) -> None:
+    error = refusal(written, "round: 3", f"facts: {facts}", RuleSetError)
+
+    assert "line 23, $.facts.order" in error.place
+
+
+def test_a_rule_set_without_a_competition_has_the_trial_alone(written: Path) -> None:
+    error = refusal(written, "competition: {use: ariac}", "", FormulaError)
+
+    assert error.cause == "terms: level 'order' is not declared"
+    assert "or name the competition that declares it" in error.hint
+
+
+def test_its_own_levels_and_facts_come_before_those_of_the_competition(written: Path) -> None:
+    own = "round: 3\nlevels: [order, trial]\nfacts: {order: {priority: text, kind: text}}"
+    text = SOUND.replace("round: 3", own).replace(" * order.priority", " * order.index")
+    written.write_text(text, encoding="utf-8")
+
+    sheet = load_rule_set(str(written)).sheet
+
+    assert sheet.levels == ("order", "trial")
+    kinds = {name: fact.type for name, fact in sheet.facts_of("order").items()}
+    assert kinds == {"index": "number", "priority": "text", "parts": "number", "kind": "text"}
+
+
+def test_levels_and_facts_are_inherited_and_replaced_by_those_of_the_heir(
+    written: Path, tmp_path: Path
+) -> None:
+    own = "round: 3\nlevels: [object, order, trial]\nfacts: {object: {kind: text}}"
+    written.write_text(SOUND.replace("round: 3", own), encoding="utf-8")
+    heir = tmp_path / "heir.yaml"
+    head = "id: heir\ntitle: H\nsource: s\nextends: ./rules.yaml\n"
+    heir.write_text(head + "facts: {object: {mass_kg: number}, order: {name: text}}\n", encoding="utf-8")
+
+    sheet = load_rule_set(str(heir)).sheet
+
+    assert sheet.levels == ("object", "order", "trial")
+    assert set(sheet.facts_of("object")) == {"kind", "mass_kg"}
+    assert {"name", "priority"} <= set(sheet.facts_of("order"))
+
+    heir.write_text(head + "levels: [object, run, order, trial]\n", encoding="utf-8")
+    assert load_rule_set(str(heir)).sheet.levels == ("object", "run", "order", "trial")
+
+
+def test_what_a_result_holds_needs_no_plugin_of_the_competition() -> None:
+    text = load_rule_set("paper2020").text.replace("use: ariac\n", "use: gone_with_its_authors\n")
+
+    sheet = rule_set_from_text(text, file="the rules in the result").sheet
+
+    assert sheet.levels == ("part", "submission", "order", "trial")
+    assert "priority" in sheet.facts_of("order")
+
+
+def test_the_rules_of_an_older_result_have_the_levels_all_rules_had() -> None:
+    text = SOUND.replace("competition: {use: ariac}", "")
+
+    sheet = rule_set_from_text(text, file="the rules in the result").sheet
+
+    assert sheet.levels == ("part", "submission", "order", "trial")
+    assert set(sheet.facts_of("order")) == {"index", "priority", "parts"}
+    assert set(sheet.facts_of("trial")) == {"duration_s", "orders"}

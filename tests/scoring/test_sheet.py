@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.expression import Expression, Number
-from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.levels import declared_facts
+from ariac_score.scoring.policy import assume
+from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.competition import Ariac
 
 CHECKS = frozenset({"type", "pose", "destination", "separation", "contact", "dropped"})
 
@@ -72,9 +76,11 @@ def sheet(
             level: {n: Expression.parse(text, where=f"$.terms.{level}.{n}") for n, text in formulas.items()}
             for level, formulas in terms.items()
         },
-        Expression.parse(score, where="$.score"),
+        Expression.parse(score, where="$.score", texts=True),
         CHECKS,
         parameters or {},
+        levels=Ariac.levels,
+        facts=declared_facts(Ariac.facts),
     )
 
 
@@ -133,11 +139,46 @@ def test_a_function_on_a_check_has_its_value_by_hand(formula: str, expected: flo
 
 
 def test_a_violation_without_a_measured_time_lasts_as_long_as_its_span() -> None:
-    spans = numbered(
-        Finding("r/h", V, "m", span=Span(1.0, 3.5), check="separation"), finding("separation", "r/h", V)
-    )
+    spans = numbered(Finding("r/h", V, "m", span=Span(1.0, 3.5), check="separation"))
 
     assert score("seconds(separation)", spans) == 2.5
+
+
+@pytest.mark.parametrize(
+    ("formula", "lacking", "remedy"),
+    [
+        ("seconds(separation)", "time_in_violation_s", "count()"),
+        ("demerits(separation, tau_s=5)", "relative_depth_integral_s", "charged()"),
+        ("measure(separation, depth_m)", "depth_m", "if not violated(…) else"),
+    ],
+)
+def test_what_a_violation_does_not_measure_is_not_priced_as_0(
+    formula: str, lacking: str, remedy: str
+) -> None:
+    complete = finding("separation", "r/h", V, **{lacking: 2.0})
+    bare = finding("separation", "r/h2", V, other_m=1.0)
+
+    assert score(formula, numbered(complete)) > 0
+    with pytest.raises(FormulaError) as refused:
+        score(formula, numbered(complete, bare))
+
+    assert formula in refused.value.cause
+    assert f"finding 'separation#2' of check 'separation' has no '{lacking}'" in refused.value.cause
+    assert remedy in refused.value.hint
+
+
+def test_a_worst_case_of_unknown_length_has_no_price_by_time() -> None:
+    timed = Finding.inconclusive("r/h", "not seen", span=Span(1.0, 3.0))
+    rules = {"separation": "worst_case"}
+    for undecided, priced in ((timed, 1 + 2.0 / 5), (replace(timed, span=None), None)):
+        open_ = numbered(replace(undecided, check="separation"))
+        assumed = assume(open_, rules, priced=["separation"]).findings
+        assert score("count(separation)", assumed) == 1
+        if priced:
+            assert score("demerits(separation, tau_s=5)", assumed) == priced
+            continue
+        with pytest.raises(FormulaError, match="has no 'relative_depth_integral_s'"):
+            score("demerits(separation, tau_s=5)", assumed)
 
 
 def test_the_gate_closes_for_a_critical_violation_only() -> None:
@@ -403,8 +444,7 @@ def test_the_place_of_a_mistake_is_its_term() -> None:
     assert refused.value.place == "$.terms.submission.x"
 
 
-def test_levels_run_from_the_part_outwards() -> None:
-    assert LEVELS == ("part", "submission", "order", "trial")
+def test_scopes_of_a_level_come_in_order() -> None:
     assert [scope.path for scope in TWO_ORDERS.each("submission")] == [
         "order_0/task_0",
         "order_1/task_0",

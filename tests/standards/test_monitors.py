@@ -9,6 +9,7 @@ import csv
 import dataclasses
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -1229,6 +1230,21 @@ def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.S
                 assert found[VIOLATED], "the trials show nothing"
 
 
+def test_whatever_is_measured_is_declared_in_the_unit_that_its_name_says(subtests: pytest.Subtests) -> None:
+    """The unit of a name is its end: `stop_time_s`, `travel_m`, `excess_max_m_s`, `impulse_N_s`."""
+    for name in BUSY:
+        with subtests.test(name=name):
+            declared = BUSY[name].measures
+            trials = [busy(seed, clean=clean) for seed in range(6) for clean in (False, True)]
+            found = {n for trial in trials for one in BUSY[name].watch(trial) for n in one.quantities}
+
+            assert found <= declared.keys()
+            for quantity, measure in declared.items():
+                if measure.unit not in ("1", "count"):
+                    assert quantity.endswith("_" + re.sub("[ /]", "_", measure.unit))
+                assert measure.meaning
+
+
 def test_every_violation_between_two_bodies_says_who_moved_and_who_closed_in(
     subtests: pytest.Subtests,
 ) -> None:
@@ -1875,7 +1891,7 @@ def test_a_rule_set_with_a_bad_parameter_is_refused(subtests: pytest.Subtests) -
         ("iso_10218_2.monitored_standstill", {"workspace": "square"}, "'square' is not a list"),
         ("iso_10218_2.monitored_standstill", {"workspace": [1, 2, 3]}, "1 is not a list"),
         ("iso_10218_2.pfl_speed", {"moving_mass_kg": -1}, "moving_mass_kg is -1 but must be positive"),
-        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024"),
+        ("iso_13855.safeguard_distance", {"edition": "2020"}, "'2020' is not one of 2010, 2024, us"),
         ("formula.always", {"signals": ["speed/{robot}"]}, "is not a mapping of names to values"),
         ("formula.always", {"parameters": {"a": "b"}}, "'b' is not a float"),
         ("formula.always", {"holds": "v > 1 +"}, "signals is empty"),

@@ -7,8 +7,8 @@ are made as a monitor would make them, from samples. Nothing here reads a log.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from random import Random
 
@@ -17,9 +17,10 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression, Number
+from ariac_score.scoring.levels import TEXT, TRIAL
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.scoring.scope import LEVELS, Scope
+from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import VIOLATION_FUNCTIONS
 from ariac_score.trial.spans import Span, episodes_where
 from ariac_score.trial.sums import exact_sum
@@ -183,20 +184,38 @@ class World:
         return {check: self._level(check) for check in self.uses if not self._is_monitor(check)}
 
     def _level(self, check: str) -> str:
-        """The level of a rule's subjects: parts where its points are counted, else the scope that uses it."""
-        levels = [LEVELS.index(level) for level, _ in self.uses[check]]
+        """The level of a rule's subjects: the innermost where points are counted, else where it is used."""
+        levels = self.rule_set.sheet.levels
+        used = [levels.index(level) for level, _ in self.uses[check]]
         counted = any(function in ("points", "count") for _, function in self.uses[check])
         if counted and check not in self.measured:
-            return "part"
-        return LEVELS[min(*levels, LEVELS.index("order"))]
+            return levels[0]
+        return levels[min(*used, max(len(levels) - 2, 0))]
 
     def subjects(self, case: Case, check: str) -> tuple[str, ...]:
         """The subjects of a rule's findings."""
-        return _paths(case.orders, self.levels[check])
+        level = self.levels[check]
+        return ("",) if level == TRIAL else _paths(self._shape, case.orders, level)
 
     def scopes(self, case: Case) -> Scope:
-        """The orders of a case."""
-        return _scopes(case.orders, case.duration)
+        """The work of a case."""
+        return _scopes(self._shape, case.orders, case.duration)
+
+    @cached_property
+    def _shape(self) -> _Shape:
+        """What made work looks like under the rule set."""
+        sheet = self.rule_set.sheet
+        compared = [
+            node.value
+            for formula in _all_formulas(self.rule_set)
+            for node in formula.walk()
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        ]
+        facts = tuple(
+            (level, tuple((name, fact.type == TEXT) for name, fact in sheet.facts.get(level, {}).items()))
+            for level in sheet.levels
+        )
+        return _Shape(sheet.levels[:-1][::-1], facts, compared[0] if compared else "text")
 
     def findings(self, case: Case) -> dict[str, Finding]:
         """The findings of all checks about a case."""
@@ -259,7 +278,8 @@ class World:
 
     def _cohort(self, scopes: Scope) -> CohortValues:
         """Values of other teams, always the same ones."""
-        paths = ["", *(order.path for order in scopes.inner)]
+        levels = {term.level for term in self.rule_set.sheet.cohort.values()}
+        paths = ["", *(scope.path for level in sorted(levels) for scope in scopes.each(level))]
         return CohortValues("", {name: dict.fromkeys(paths, 10.0) for name in self.rule_set.sheet.cohort})
 
 
@@ -271,29 +291,75 @@ def _a_constant(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant)
 
 
+@dataclass(frozen=True)
+class _Shape:
+    """What made work looks like.
+
+    Attributes:
+        levels: Those inside the trial, from the outermost inwards.
+        facts: For each level the name of each fact, and whether it is a text.
+        text: What each text is.
+    """
+
+    levels: tuple[str, ...]
+    facts: tuple[tuple[str, tuple[tuple[str, bool], ...]], ...]
+    text: str
+
+    def work(self, index: int, tasks: Sequence[int]) -> Scope:
+        """One outermost piece of work, with so much of the innermost in each piece inside it."""
+        level, *within = self.levels
+        path = f"{level}_{index}"
+        if len(within) > 1:
+            inner = tuple(
+                self.made(
+                    within[0],
+                    f"{path}/{within[0]}_{k}",
+                    k,
+                    self._below(within[1:], f"{path}/{within[0]}_{k}", count),
+                )
+                for k, count in enumerate(tasks)
+            )
+        else:
+            inner = self._below(within, path, sum(tasks))
+        return self.made(level, path, index, inner)
+
+    def _below(self, levels: Sequence[str], path: str, count: int) -> tuple[Scope, ...]:
+        """So much of the innermost level; of a level in between, one."""
+        if not levels:
+            return ()
+        level, *within = levels
+        paths = [f"{path}/{level}_{k}" for k in range(1 if within else count)]
+        return tuple(self.made(level, one, k, self._below(within, one, count)) for k, one in enumerate(paths))
+
+    def made(self, level: str, path: str, index: int, inner: tuple[Scope, ...]) -> Scope:
+        """A scope with the facts its level has: its place, how much is inside it, and numbers that differ."""
+        known: dict[str, Number | str] = {"index": index}
+        for within in self.levels:
+            known[f"{within}s"] = sum(1 for one in inner for _ in _levels_in(one, within))
+        facts = {
+            name: known.get(name, self.text if is_text else 1 if index == 0 else 3)
+            for name, is_text in dict(self.facts).get(level, ())
+        }
+        return Scope(level, path, facts, inner)
+
+
+def _levels_in(scope: Scope, level: str) -> Iterator[Scope]:
+    """A scope and those inside it, as far as they are of a level."""
+    if scope.level == level:
+        yield scope
+    yield from scope.each(level)
+
+
 @lru_cache(maxsize=1024)
-def _paths(orders: tuple[tuple[int, ...], ...], level: str) -> tuple[str, ...]:
-    return tuple(scope.path for scope in _scopes(orders, 0).each(level))
+def _paths(shape: _Shape, orders: tuple[tuple[int, ...], ...], level: str) -> tuple[str, ...]:
+    return tuple(scope.path for scope in _scopes(shape, orders, 0).each(level))
 
 
 @lru_cache(maxsize=256)
-def _scopes(orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
-    found = []
-    for index, tasks in enumerate(orders):
-        path = f"order_{index}"
-        inner = tuple(
-            Scope(
-                "submission",
-                f"{path}/task_{k}",
-                {"parts": parts},
-                tuple(Scope("part", f"{path}/task_{k}/part_{i}") for i in range(parts)),
-            )
-            for k, parts in enumerate(tasks)
-        )
-        facts = {"index": index, "priority": 1 if index == 0 else 3, "parts": sum(tasks)}
-        found.append(Scope("order", path, facts, inner))
-    whole = {"duration_s": duration / TICKS_PER_S, "orders": len(found)}
-    return Scope("trial", "", whole, tuple(found))
+def _scopes(shape: _Shape, orders: tuple[tuple[int, ...], ...], duration: int) -> Scope:
+    found = tuple(shape.work(index, tasks) for index, tasks in enumerate(orders)) if shape.levels else ()
+    whole = shape.made(TRIAL, "", 0, found)
+    return replace(whole, facts={**whole.facts, "duration_s": duration / TICKS_PER_S})
 
 
 def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: float) -> Iterator[Finding]:

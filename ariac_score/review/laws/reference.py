@@ -21,6 +21,7 @@ id: reference
 title: A made competition, to compare penalties on
 source: this program
 log_map: none
+levels: [part, task, trial]
 rules:
   part_color: {use: made.part_color}
   none_unwanted: {use: made.none_unwanted}
@@ -29,9 +30,9 @@ monitors:
   human_contact: {use: made.human_contact, on_inconclusive: worst_case}
   arm_collision: {use: made.arm_collision}
 terms:
-  submission:
-    kit: points(part_color) - 2 * violated(none_unwanted)
-score: sum(submission.kit)
+  task:
+    worth: points(part_color) - 2 * violated(none_unwanted)
+score: sum(task.worth)
 include: [PENALTY]
 safety:
   separation: {class: separation}

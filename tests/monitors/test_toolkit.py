@@ -1,0 +1,434 @@
+"""What the author of a monitor states, and what the toolkit makes of it, worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ariac_score import (
+    Body,
+    Event,
+    Finding,
+    FloatArray,
+    InstantVerdict,
+    Measure,
+    Sample,
+    Signal,
+    Span,
+    Trial,
+    Verdict,
+    check_parameters,
+    parameter,
+)
+from ariac_score.monitors import (
+    Bound,
+    Encounter,
+    Episode,
+    JudgedLimit,
+    LimitMonitor,
+    MarginMonitor,
+    Reach,
+    Signals,
+    SubjectMonitor,
+    UndecidedError,
+    Watched,
+    bodies,
+    pairs,
+)
+from ariac_score.testing import contract_checks
+
+ROOT = Path(__file__).parents[2]
+CARS = (Body("car", "vehicle"), Body("bus", "vehicle"), Body("ann", "pedestrian"))
+
+
+@dataclass(frozen=True)
+class Clear(MarginMonitor):
+    """A vehicle keeps clear of pedestrians.
+
+    Measures:
+        Distance less `least_m` and less a second of driving.
+    Violated when:
+        It is negative.
+    Source:
+        This test.
+    """
+
+    least_m: float = parameter(1.0, unit="m", at_least=0, at_most=100)
+    max_gap_s: float = parameter(0.15, unit="s", above=0, at_most=60)
+    t_off_s: float = parameter(0.2, unit="s", at_least=0, at_most=60)
+
+    subjects = pairs("vehicle", "pedestrian")
+    wanted: ClassVar = {"distance/{vehicle}/{pedestrian}": "m", "velocity/{vehicle}": "m/s"}
+    what, unit = "distance", "m"
+
+    def margin(self, signals: Signals) -> Bound:
+        velocity = signals["velocity/{vehicle}"]
+        speed = np.sqrt(velocity[..., 0] ** 2 + velocity[..., 1] ** 2)
+        return self.at_least(
+            signals["distance/{vehicle}/{pedestrian}"], self.least_m + 1.0 * speed, named="needed"
+        )
+
+
+def drive(distance_m: Sequence[float], speed_m_s: Sequence[float], *, step_s: float = 0.1) -> Trial:
+    """One vehicle and one pedestrian, ten times a second."""
+    t = np.arange(len(distance_m)) * step_s
+    velocity = np.zeros((len(t), 3))
+    velocity[:, 0] = speed_m_s
+    signals = (
+        Signal("distance/car/ann", "m", t, np.array(distance_m)),
+        Signal("velocity/car", "m/s", t, velocity),
+    )
+    both = (Body("car", "vehicle"), Body("ann", "pedestrian"))
+    return Trial("t", bodies=both, signals={s.name: s for s in signals}, recorded=Span(0.0, float(t[-1])))
+
+
+# From a margin to findings ---------------------------------------------------------------
+
+
+def test_one_statement_gives_episodes_worst_samples_severities_and_evidence() -> None:
+    # Needed at 1 m/s: 2 m. Violated from 0.1 s to 0.3 s, by 0.5 m for 0.1 s and by 1 m for 0.1 s.
+    (finding,) = Clear().watch(drive([3.0, 1.5, 1.0, 2.0, 3.0, 3.0], [1.0] * 6))
+
+    assert finding.verdict is Verdict.VIOLATED
+    assert finding.subject == "car/ann"
+    assert finding.span is not None
+    assert (finding.span.start_s, finding.span.end_s) == pytest.approx((0.1, 0.3))
+    assert finding.robustness == -1.0
+    assert finding.quantities == pytest.approx(
+        {
+            "time_in_violation_s": 0.2,
+            "depth_max_m": 1.0,
+            "depth_integral_m_s": 0.5 * 0.1 + 1.0 * 0.1,
+            "relative_depth_max": 0.5,
+            "relative_depth_integral_s": 0.25 * 0.1 + 0.5 * 0.1,
+        }
+    )
+    assert [(one.signal, one.value) for one in finding.evidence] == [
+        ("distance/car/ann", 1.0),
+        ("velocity/car", (1.0, 0.0, 0.0)),
+        ("needed/car/ann", 2.0),
+    ]
+
+
+def test_who_keeps_the_limit_is_told_the_closest_moment_and_measures_nothing_but_zeros() -> None:
+    (finding,) = Clear().watch(drive([3.0, 2.0, 2.5], [1.0] * 3))  # equality keeps it
+
+    assert finding.verdict is Verdict.SATISFIED
+    assert finding.robustness == 0.0
+    assert set(finding.quantities.values()) == {0.0}
+    assert finding.quantities.keys() == Clear().measures.keys()
+
+
+def test_a_gap_is_undecided_and_nothing_else_is_said_to_be_kept() -> None:
+    whole = drive([3.0] * 6, [0.0] * 6)
+    distance = whole.signals["distance/car/ann"]
+    holed = replace(distance, t=distance.t[[0, 1, 4, 5]], values=distance.values[[0, 1, 4, 5]])
+
+    (finding,) = Clear().watch(replace(whole, signals={**whole.signals, holed.name: holed}))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert finding.span == Span(0.1, 0.4)
+
+
+def test_a_signal_that_is_missing_leaves_its_own_pair_open_and_no_other() -> None:
+    trial = drive([3.0] * 3, [0.0] * 3)
+    found = {f.subject: f.verdict for f in Clear().watch(replace(trial, bodies=CARS))}
+
+    assert found == {"bus/ann": Verdict.INCONCLUSIVE, "car/ann": Verdict.SATISFIED}
+
+
+@pytest.mark.parametrize(("seen", "verdict"), [(True, "not_applicable"), (False, "inconclusive")])
+def test_without_anybody_there_is_nothing_to_judge_if_the_log_would_show_them(
+    seen: bool, verdict: str
+) -> None:
+    witnessed = frozenset({"bodies"} if seen else ())
+    (finding,) = Clear().watch(Trial("t", bodies=CARS[:2], witnessed=witnessed, recorded=Span(0.0, 1.0)))
+
+    assert finding.verdict.value == verdict
+    assert "no pedestrian" in finding.message
+
+
+# A margin alone --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Cool(MarginMonitor):
+    """No drone gets hot while it flies.
+
+    Measures:
+        80 K less its temperature above the air, while it is off the ground.
+    Violated when:
+        It is negative.
+    Source:
+        This test.
+    """
+
+    subjects = bodies("drone")
+    wanted: ClassVar = {"heat/{drone}": "K", "height/{drone}": "m"}
+    what, unit, idle = "reserve", "K", "it never flew"
+
+    def margin(self, signals: Signals) -> FloatArray:
+        reserve: FloatArray = np.where(signals["height/{drone}"] > 0, 80.0 - signals["heat/{drone}"], np.nan)
+        return reserve
+
+
+def flight(heat_k: Sequence[float], height_m: Sequence[float]) -> Trial:
+    t = np.arange(len(heat_k)) * 0.05
+    signals = (
+        Signal("heat/d", "K", t, np.array(heat_k)),
+        Signal("height/d", "m", t, np.array(height_m)),
+    )
+    return Trial(
+        "t",
+        bodies=(Body("d", "drone"),),
+        signals={s.name: s for s in signals},
+        recorded=Span(0.0, float(t[-1])),
+    )
+
+
+def test_a_margin_without_a_limit_is_judged_where_it_is_a_number() -> None:
+    (hot,) = Cool().watch(flight([99.0, 70.0, 85.0, 99.0], [0.0, 1.0, 1.0, 0.0]))
+    (cool,) = Cool().watch(flight([99.0, 70.0, 75.0, 99.0], [0.0, 1.0, 1.0, 0.0]))
+    (grounded,) = Cool().watch(flight([99.0, 99.0], [0.0, 0.0]))
+
+    assert (hot.verdict, hot.robustness, hot.unit) == (Verdict.VIOLATED, -5.0, "K")
+    assert hot.quantities["depth_integral"] == pytest.approx(5.0 * 0.05)
+    assert Cool().measures["depth_integral"].unit == "K s"
+    assert (cool.verdict, cool.robustness) == (Verdict.SATISFIED, 5.0)
+    assert (grounded.verdict, grounded.message) == (Verdict.NOT_APPLICABLE, "it never flew")
+
+
+# Online equals offline -------------------------------------------------------------------
+
+
+def stepped(monitor: Any, trial: Trial, known: Sequence[Body]) -> tuple[list[InstantVerdict], list[Finding]]:
+    watch = monitor.begin(known)
+    samples = sorted(
+        (signal.sample(i) for signal in trial.signals.values() for i in range(len(signal))),
+        key=lambda sample: sample.t_s,
+    )
+    verdicts = [one for sample in samples for one in watch.step([sample])]
+    return verdicts, list(watch.end(replace(trial, signals={})))
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    st.lists(st.tuples(st.floats(0, 5), st.floats(0, 2)), min_size=2, max_size=12),
+    st.booleans(),
+)
+def test_online_each_instant_has_the_margin_of_the_whole_log_to_the_bit(
+    rows: list[tuple[float, float]], known: bool
+) -> None:
+    trial = drive(*zip(*rows, strict=True))  # type: ignore[arg-type]
+    verdicts, found = stepped(Clear(), trial, trial.bodies if known else ())
+    (chart,) = Clear().margins(trial)
+
+    assert [(one.t_s, one.robustness) for one in verdicts] == list(
+        zip(chart.t.tolist(), chart.margin.tolist(), strict=True)
+    )
+    assert found == list(Clear().watch(trial))
+
+
+def test_a_pair_shows_by_a_signal_that_names_both_but_a_single_body_does_not() -> None:
+    assert not getattr(Clear().begin(), "undecided", "")
+    assert "not known" in getattr(Cool().begin(), "undecided", "")
+    assert not getattr(Cool().begin([Body("d", "drone")]), "undecided", "")
+
+
+def test_a_body_known_to_be_of_another_kind_is_not_taken_for_one_of_the_pair() -> None:
+    verdicts, _ = stepped(Clear(), drive([3.0] * 3, [0.0] * 3), [Body("car", "robot")])
+
+    assert verdicts == []
+
+
+@pytest.mark.parametrize("check", contract_checks(Clear(), drive([3.0, 1.0, 3.0] * 9, [1.0] * 27)))
+def test_the_monitor_of_this_test_keeps_its_contract(check: Any) -> None:
+    check()
+
+
+# What the log leaves open, and equality ---------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Guarded(LimitMonitor):
+    """Nobody comes nearer than allowed while the guard is on."""
+
+    strict: bool = parameter(False)
+    max_flag_age_s: float = parameter(0.2, unit="s", above=0, at_most=60)
+
+    subjects = pairs("drone", "drone")
+    wanted: ClassVar = {"distance/{drone}/{other}": "m"}
+    what, unit, critical = "distance", "m", True
+    reach = Reach("run")
+
+    def margin(self, signals: Watched) -> Bound:
+        state = signals.state("guard", self.max_flag_age_s)
+        if state is None:
+            raise UndecidedError("nobody knows whether the guard is on")
+        return self.at_least(
+            signals["distance/{drone}/{other}"], 1.0, where=state.on & state.known, strict=self.strict
+        )
+
+    def severity(self, _limit: JudgedLimit, episode: Episode | None) -> dict[str, float]:
+        return {"samples": 0.0 if episode is None else float(len(episode.rows))}
+
+    severities: ClassVar = {"samples": Measure("count", best=0.0)}
+
+
+def hover(*distance_m: float, on_s: float | None = 0.0) -> Trial:
+    t = np.arange(len(distance_m)) * 0.05
+    signal = Signal("distance/a/b", "m", t, np.array(distance_m))
+    events = () if on_s is None else (Event(on_s, "guard", "a/b", "on"),)
+    return Trial(
+        "t",
+        bodies=(Body("b", "drone"), Body("a", "drone")),
+        signals={signal.name: signal},
+        events=events,
+        recorded=Span(0.0, float(t[-1])),
+    )
+
+
+def test_what_a_monitor_cannot_know_is_inconclusive_for_that_subject() -> None:
+    (finding,) = Guarded().watch(hover(0.5, 0.5, on_s=None))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert finding.message == "nobody knows whether the guard is on"
+    assert list(Guarded().margins(hover(0.5, 0.5, on_s=None))) == []
+
+
+def test_two_bodies_of_one_kind_are_one_pair_whichever_comes_first() -> None:
+    (finding,) = Guarded().watch(hover(2.0, 0.25, 0.5, 2.0))
+
+    assert finding.subject == "a/b"
+    assert finding.critical
+    assert finding.quantities["samples"] == 2.0
+    assert Guarded().measures["samples"].unit == "count"
+
+
+@pytest.mark.parametrize(("strict", "verdict"), [(False, Verdict.SATISFIED), (True, Verdict.VIOLATED)])
+def test_equality_breaks_a_strict_limit_and_no_other(strict: bool, verdict: Verdict) -> None:
+    (finding,) = Guarded(strict=strict).watch(hover(2.0, 1.0, 2.0))
+
+    assert finding.verdict is verdict
+    assert finding.robustness == 0.0
+    assert finding.quantities["depth_max_m"] == (np.nextafter(1.0, 2.0) - 1.0 if strict else 0.0)
+
+
+def test_the_guard_counts_from_when_it_is_on() -> None:
+    (kept,) = Guarded().watch(hover(0.5, 0.5, 2.0, 2.0, on_s=0.1))
+
+    assert kept.verdict is Verdict.SATISFIED
+
+
+# Encounters ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Apart(LimitMonitor):
+    """A vehicle keeps a metre."""
+
+    subjects = pairs("vehicle", "pedestrian")
+    wanted: ClassVar = {"distance/{vehicle}/{pedestrian}": "m"}
+    unit = "m"
+    encounter = Encounter(
+        "distance/{vehicle}/{pedestrian}",
+        "speed/{vehicle}",
+        "towards/{vehicle}/{pedestrian}",
+        "from/{pedestrian}/{vehicle}",
+        within_m=2.0,
+    )
+
+    def margin(self, signals: Watched) -> Bound:
+        return self.at_least(signals["distance/{vehicle}/{pedestrian}"], 1.0)
+
+
+def test_an_encounter_of_any_kinds_tells_who_closed_in_and_who_was_exposed() -> None:
+    trial = drive([3.0, 1.5, 0.5, 0.5], [1.0] * 4, step_s=0.05)
+    t = trial.signals["distance/car/ann"].t
+    speed = Signal("speed/car", "m/s", t, np.array([1.0, 1.0, 1.0, 0.0]))
+    towards = Signal("towards/car/ann", "m/s", t, np.array([1.0, 1.0, 1.0, 0.0]))
+    back = Signal("from/ann/car", "m/s", t, np.zeros(4))
+
+    (told,) = Apart().watch(
+        replace(trial, signals={s.name: s for s in (*trial.signals.values(), speed, towards, back)})
+    )
+    (untold,) = Apart().watch(trial)
+
+    assert told.labels == {"robot_moving": "yes", "closing_by": "robot"}
+    assert told.quantities["exposure_s"] == pytest.approx(0.1)  # within 2 m of the moving car
+    assert untold.labels == {"robot_moving": "unknown", "closing_by": "unknown"}
+    assert "exposure_s" not in untold.quantities
+    assert [(need.quantity, need.optional) for need in Apart().needs()] == [
+        ("distance", False),
+        ("speed", True),
+        ("towards", True),
+        ("from", True),
+    ]
+
+
+# A monitor that has no margin -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Arrives(SubjectMonitor):
+    """Every vehicle stands at its end."""
+
+    goal: str = parameter("")
+
+    subjects = bodies("vehicle")
+    wanted: ClassVar = {"speed/{vehicle}": "m/s"}
+
+    @property
+    def lacks(self) -> str:
+        return "" if self.goal else "no goal is given"
+
+    def about(self, signals: Watched) -> Iterator[Finding]:
+        stands = signals["speed/{vehicle}"][-1] == 0
+        yield Finding(signals.subject.name, Verdict.of(0 if stands else -1), f"at {self.goal}")
+
+
+def test_a_monitor_may_judge_its_subjects_without_a_margin() -> None:
+    t = np.arange(3) * 0.05
+    signals = {
+        f"speed/{name}": Signal(f"speed/{name}", "m/s", t, np.full(3, speed))
+        for name, speed in (("car", 0.0), ("bus", 1.0))
+    }
+    trial = Trial("t", bodies=CARS, signals=signals, recorded=Span(0.0, 0.1))
+
+    assert [(f.subject, f.verdict) for f in Arrives("A").watch(trial)] == [
+        ("bus", Verdict.VIOLATED),
+        ("car", Verdict.SATISFIED),
+    ]
+    assert [(f.subject, f.message) for f in Arrives().watch(trial)] == [("trial", "no goal is given")]
+    assert not hasattr(Arrives(), "margins")
+
+
+# Parameters, and the promise of the tutorial ----------------------------------------------
+
+
+def test_parameters_outside_their_range_are_refused_without_a_word_of_the_author() -> None:
+    with pytest.raises(ValueError, match="least_m is -1 but cannot be negative"):
+        Clear(least_m=-1.0)
+    check_parameters(Clear())
+
+
+def test_the_monitor_of_the_tutorial_has_forty_lines_and_one_file() -> None:
+    text = (ROOT / "examples/third_party_monitor/workshop_calm_robot/__init__.py").read_text(encoding="utf-8")
+
+    assert len(text.splitlines()) <= 40
+
+
+def test_samples_are_refused_that_run_back() -> None:
+    watch = Clear().begin()
+    sample = Sample("distance/car/ann", 1.0, 2.0, "m")
+    list(watch.step([sample]))
+
+    with pytest.raises(ValueError, match="do not increase"):
+        list(watch.step([sample]))
