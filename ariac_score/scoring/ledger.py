@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from ariac_score.checks.findings import Finding, Verdict, canonical
+from ariac_score.checks.findings import POINTS, Finding, Verdict, canonical
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.attribution import (
     Choice,
@@ -97,9 +97,11 @@ class Line(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
             "kind": [line.kind for line in lines],
             "amount": [float(line.amount) for line in lines],
             "subject": [line.subject for line in lines],
+            "nominal": [float(line.amount if line.nominal is None else line.nominal) for line in lines],
+            "reason": [line.reason for line in lines],
             "findings": [" ".join(line.findings) for line in lines],
         }
-        return frame(columns, index="path", units={"amount": POINTS})
+        return frame(columns, index="path", units={"amount": POINTS, "nominal": POINTS})
 
     @property
     def leaves(self) -> Iterator[Line]:

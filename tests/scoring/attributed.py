@@ -11,6 +11,7 @@ from ariac_score.scoring.attribution import Exact, Leaf, Node, flow
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ledger import Line
+from ariac_score.scoring.levels import declared_facts
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
@@ -88,6 +89,8 @@ class Case:
             checks,
             parameters or {},
             cohort_terms or {},
+            levels=("part", "order", "trial"),
+            facts=declared_facts({"order": {"index": "number"}}),
         )
         self.score = self.sheet.evaluate(scopes, self.findings, self.cohort).value
         self.tree: Node = tree_of(
