@@ -56,11 +56,16 @@ NEVER_CALLED = {"eval", "exec", "compile", "__import__"}
 UNSAFE_OF_YAML = {"load", "load_all", "unsafe_load", "full_load", "Loader", "UnsafeLoader", "FullLoader"}
 
 
+RUNS_CODE = {"ariac_score/checks/local.py": {"calls compile", "calls exec"}}
+"""A file beside a rule set, which whoever scores has allowed by hand or by its hash; no data of strangers."""
+
+
 def test_nothing_unpickles_evaluates_or_loads_unsafely() -> None:
     found = [
         f"{path.relative_to(ROOT)}, line {line}: {what}"
         for path in SHIPPED
         for line, what in unsafe_in(path.read_text(encoding="utf-8"))
+        if what not in RUNS_CODE.get(path.relative_to(ROOT).as_posix(), ())
     ]
 
     assert len(SHIPPED) > 100

@@ -124,7 +124,7 @@ def verify_result(
     steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
     steps.append(_rules(result, given, required=bool(rules)))
-    steps.append(_code(result))
+    steps.append(_code(result, files_run=local_plugins))
     if adjustments is not None:
         steps.append(_adjustments(result, adjustments))
     if log is not None:
@@ -314,11 +314,14 @@ def _text(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-def _code(result: Result) -> Step:
+def _code(result: Result, *, files_run: bool) -> Step:
     """Which recorded versions are not those installed here."""
     if not result.provenance.code:
         return Step("code", NOTE, "the result does not say which code made it")
-    others = [words for each in result.provenance.code if (words := _other(each))]
+    # Files beside the rule set that run are compared before they do.
+    files = [one for one in result.provenance.code if one.distribution == LOCAL_DISTRIBUTION]
+    compared = [one for one in result.provenance.code if not (files_run and one in files)]
+    others = [words for each in compared if (words := _other(each))]
     if others:
         return Step("code", NOTE, "\n".join(others))
     here = (f"{code.package} ({code.distribution} {code.version})" for code in result.provenance.code)

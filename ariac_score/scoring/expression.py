@@ -34,6 +34,7 @@ __all__ = [
     "Number",
     "Traced",
     "add_up",
+    "arity_of",
     "text_of",
 ]
 
@@ -181,6 +182,16 @@ FUNCTIONS: Mapping[str, str] = {
     "all": "1 when none is 0, else 0",
 }
 """The functions of numbers alone, in words."""
+
+
+def arity_of(function: str) -> int | None:
+    """How many numbers a function takes; `None` for one or more.
+
+    >>> arity_of("clip"), arity_of("max")
+    (3, None)
+    """
+    return _SCALAR_FUNCTIONS[function][0]
+
 
 _STRUCTURE = (
     ast.BinOp,

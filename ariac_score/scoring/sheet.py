@@ -12,7 +12,7 @@ from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
-from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, text_of
+from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, arity_of, text_of
 from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact, check_levels, no_such_level
 from ariac_score.scoring.scope import Scope
 
@@ -461,6 +461,13 @@ class ScoreSheet:
         if function not in _KNOWN:
             raise FormulaError(
                 f"unknown function {function!r}", place=formula.where, hint=did_you_mean(function, _KNOWN)
+            )
+        arity = arity_of(function) if function in FUNCTIONS else None
+        if arity is not None and (len(call.args) != arity or call.keywords):
+            raise FormulaError(
+                f"{ast.unparse(call)}: {function!r} takes {arity} numbers",
+                place=formula.where,
+                hint=FUNCTIONS[function],
             )
         return set()
 

@@ -171,6 +171,38 @@ def test_a_command_runs_it_only_when_it_is_told_to(
     assert main([*command, str(rules), "--local-plugins"]) in (0, 1)  # 1: a law does not hold
 
 
+def test_a_class_in_a_file_is_checked_and_shown_like_an_installed_plugin(
+    rules: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"{rules.with_name('ours.py')}:NearMiss"
+
+    main(["plugins", "check", name])
+    assert "./ours.py:NearMiss (local file " in capsys.readouterr().out
+    assert main(["plugins", "show", name]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("monitor of local file ")
+    assert f"code {sha256_of(rules.with_name('ours.py'))}" in shown
+    assert main(["plugins", "check", f"{name}es"]) == 3
+    assert "did you mean 'NearMiss'?" in capsys.readouterr().err
+
+
+def test_what_reads_a_result_needs_no_code(
+    rules: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = tmp_path / "result.json"
+    stored.write_text(as_json(score_trial(LOG, rules, local_plugins=True)), encoding="utf-8")
+    rules.with_name("ours.py").unlink()
+
+    for command in (
+        ["explain", str(stored), "near_miss"],
+        ["price", str(stored), "--rules", str(rules)],
+        ["report", str(stored), "-o", str(tmp_path / "page.html")],
+        ["export", str(stored), "--output-format", "markdown"],
+    ):
+        assert main(command) == 0, capsys.readouterr().err
+    assert "./ours.py" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
 # Where it is not ------------------------------------------------------------------------
 
 
@@ -312,7 +344,7 @@ def test_verifying_runs_the_very_file_that_the_result_states(stored: Path, rules
     found = verify_result(stored, log=LOG, rules=str(rules), local_plugins=True)
 
     assert found.holds
-    assert "recomputed" in [step.name for step in found.steps]
+    assert {"recomputed": "ok", "code": "ok"}.items() <= {s.name: s.outcome for s in found.steps}.items()
 
 
 def test_a_file_that_changed_between_measuring_and_verifying_does_not_run(stored: Path, rules: Path) -> None:
