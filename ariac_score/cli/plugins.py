@@ -14,6 +14,7 @@ from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.local import LocalFiles
 from ariac_score.checks.registry import Plugin, Registry, is_local
 from ariac_score.cli.actions import add_action
+from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, ScoreError, UsageError
 from ariac_score.installed.points import unreadable_distributions
@@ -28,6 +29,8 @@ from ariac_score.trial.channels import LogMap
 from ariac_score.trial.vocabulary import QUANTITIES
 
 EXIT_BROKEN = 1
+CALL_LIMIT_S = 120.0
+"""How long one call of a plugin may last while it is checked, s; its processor time has a budget besides."""
 EXIT_PLUGIN = 3
 
 
@@ -57,6 +60,13 @@ def register(commands: Any) -> None:
     check.add_argument("--log-map", default="", metavar="NAME", help="log map to read it with")
     check.add_argument(
         "--budget", type=float, default=None, metavar="S", help="most processor time for a million samples, s"
+    )
+    check.add_argument(
+        "--time-limit-s",
+        type=float,
+        default=CALL_LIMIT_S,
+        metavar="S",
+        help=f"longest that one call of the plugin may last, s; default: {CALL_LIMIT_S:g}",
     )
     check.set_defaults(run=run_check)
     doctor = add_action(actions, "doctor", "find everything that is wrong with installed plugins")
@@ -181,8 +191,17 @@ def run_check(arguments: argparse.Namespace) -> int:
     budget_s = BUDGET_S if arguments.budget is None else arguments.budget
     if not budget_s > 0:
         raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")
+    if not arguments.time_limit_s > 0:
+        raise UsageError(f"a limit of {arguments.time_limit_s:g} s is none", hint="give a positive number")
+    named = _named(arguments.name)
+    if not is_apart():
+        try:
+            return run_apart(arguments.given, call_limit_s=arguments.time_limit_s)
+        except PluginError as error:
+            _outcome("ends", error)
+            return EXIT_BROKEN
     code = 0
-    for plugin in _named(arguments.name):
+    for plugin in named:
         subject = _subject(plugin, arguments)
         try:
             built = plugin.build(example_parameters(plugin))
@@ -191,7 +210,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             _outcome("built", error)
             return EXIT_BROKEN
         what = arguments.trial.name if arguments.trial else "the made trial"
-        print(f"{plugin.origin}: {len(checks)} checks on {what}")
+        print(f"{plugin.origin}: {len(checks)} checks on {what}", flush=True)
         for check in checks:
             try:
                 unseen = check.run()
@@ -199,7 +218,10 @@ def run_check(arguments: argparse.Namespace) -> int:
                 _outcome(check.name, error)
                 code = EXIT_BROKEN
             else:
-                print(f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}")
+                print(
+                    f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}",
+                    flush=True,
+                )
     return code
 
 

@@ -382,12 +382,12 @@ class _FormulaBound(Bound):
         """That of the formula; the limit is what it compares with."""
         return self.actual
 
-    @property
+    @cached_property
     def limited(self) -> BoolArray:
         """Everywhere."""
         return np.ones_like(self.holds)
 
-    @property
+    @cached_property
     def broken(self) -> BoolArray:
         """Where it is not true; that can be at a margin of 0."""
         return ~self.holds
