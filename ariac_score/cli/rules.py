@@ -198,7 +198,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")
         for outcome in outcomes:
-            for line in outcome_lines(outcome, rule_set.breaks.get(outcome.law.name, "")):
+            for line in outcome_lines(
+                outcome, rule_set.sheet.levels, rule_set.breaks.get(outcome.law.name, "")
+            ):
                 print(f"  {line}")
         sys.stdout.flush()
         broken |= any(outcome.verdict == "broken" for outcome in outcomes)
