@@ -774,7 +774,7 @@ class ScopeNames:
             return self.pricing.trial, name, ()
         if prefix == _COHORT or level != self.scope.level or (not prefix and name in sheet.parameters):
             return None
-        known = name in sheet.terms.get(level, {}) and name not in self.scope.facts
+        known = name in sheet.terms.get(level, {}) and name not in sheet.facts_of(level)
         return (self.scope, name, self.outer) if known else None
 
     def findings_of(self, check: str) -> dict[str, Finding]:
