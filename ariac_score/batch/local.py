@@ -31,8 +31,10 @@ from ariac_score.batch.worker import (
     noted,
     parse_report,
     perform_into,
+    running_file,
 )
 from ariac_score.errors import BatchError
+from ariac_score.installed.running import noted as last_noted
 
 __all__ = [
     "AND_AGAIN",
@@ -206,7 +208,7 @@ class LocalExecutor:
         code = process.exitcode
         with suppress(ValueError):  # the kernel still holds it
             process.close()
-        contents, signature = _cleared(ended)
+        (_, plugin), (contents, signature) = last_noted(running_file(ended.report)), _cleared(ended)
         # First of all the report: a process may be killed, or late, after it had left one.
         with suppress(OSError, ValueError):
             done = parse_report(task, ended.report.read_bytes())
@@ -215,11 +217,11 @@ class LocalExecutor:
         if code == NO_ROOM:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if late:
-            return replace(too_late(task, setting), contents=contents, signature=signature)
+            return replace(too_late(task, setting, plugin), contents=contents, signature=signature)
         deaths = ended.deaths.and_one(code)
         if not deaths.given_up:
             return deaths
-        done = died(task, *deaths.most_common())
+        done = died(task, *deaths.most_common(), plugin)
         return replace(done, contents=contents, signature=signature, put_off=deaths.put_off)
 
 
@@ -232,22 +234,27 @@ def _cleared(ended: _Running) -> tuple[str, str]:
         shutil.rmtree(fetched_folder(ended.report), ignore_errors=True)
     found = noted(ended.report)
     note_file(ended.report).unlink(missing_ok=True)
+    running_file(ended.report).unlink(missing_ok=True)
     return found
 
 
-def too_late(task: RunTask, setting: BatchSetting) -> Done:
-    """A run that took longer than it may."""
+def too_late(task: RunTask, setting: BatchSetting, plugin: str = "") -> Done:
+    """A run that took longer than it may, and the plugin that ran at the end, where one did."""
     limit = f"{setting.limits.wall_s:g}"
-    reason = f"it took longer than {limit} s; raise --time-limit-s if the log is sound"
+    reason = f"it took longer than {limit} s{_in(plugin)}; raise --time-limit-s if the log is sound"
     return lost(task, "timed_out", reason)
 
 
-def died(task: RunTask, code: int | None, attempts: int) -> Done:
-    """A run whose process ended without a report in each attempt."""
+def _in(plugin: str) -> str:
+    return f", at last in {plugin}" if plugin else ""
+
+
+def died(task: RunTask, code: int | None, attempts: int, plugin: str = "") -> Done:
+    """A run whose process ended without a report in each attempt, and the plugin that ran last."""
     number = -code if code is not None and code < 0 else 0
     what = f"by signal {number} ({signal.Signals(number).name})" if number else f"with exit code {code}"
     times = f"{attempts} times"
-    return lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}")
+    return lost(task, "killed", f"the process that scored it ended {what}, {times} in {times}{_in(plugin)}")
 
 
 def lost(task: RunTask, outcome: str, reason: str) -> Done:

@@ -37,6 +37,7 @@ from ariac_score.engine.price import reprice
 from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.installed.running import note_in
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json, load_result, read_result
@@ -55,6 +56,7 @@ __all__ = [
     "perform_into",
     "prepared",
     "report_of",
+    "running_file",
 ]
 
 _ORPHANED_S = 60.0
@@ -299,6 +301,8 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
     the process when it is late; after a `kill -9` of the supervisor, an alarm does.
     """
     signal.setitimer(signal.ITIMER_REAL, setting.limits.wall_s + _ORPHANED_S)
+    with contextlib.suppress(OSError):  # without room for a note, nobody can be named
+        note_in(running_file(report))
     # What is fetched may be larger than a result, so its size is limited only afterwards.
     _set_limits(setting.limits, 0 if task.remote else setting.limits.output_bytes)
     _silence()
@@ -357,6 +361,11 @@ def _write_report(done: Done, report: Path) -> None:
 def note_file(report: Path) -> Path:
     """Where the process of a run notes the hash of its files; the supervisor removes it."""
     return report.with_suffix(".contents")
+
+
+def running_file(report: Path) -> Path:
+    """Where the process of a run notes which plugin runs; the supervisor removes it."""
+    return report.with_suffix(".running")
 
 
 def fetched_folder(report: Path) -> Path:

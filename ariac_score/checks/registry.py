@@ -303,6 +303,7 @@ class Registry:
     def __init__(self, local: LocalFinder | None = None) -> None:
         self.local = local
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
+        self._files: dict[Plugin, list[DataFile]] = {}
         for point in installed_points():
             self._providers.setdefault((point.group, point.name), []).append(Plugin(*astuple(point)))
 
@@ -376,7 +377,7 @@ class Registry:
         found: list[DataFile] = []
         for plugin in self.all(group):
             with suppress(PluginError):  # the doctor names it
-                found += _files_of(plugin)
+                found += self._files_of(plugin)
         return sorted(found, key=lambda file: (file.name, file.plugin.distribution))
 
     def file(self, group: str, name: str) -> DataFile:
@@ -389,7 +390,7 @@ class Registry:
         """
         # An entry point of a folder brings names that begin with its own.
         may = [p for p in self.all(group) if f"{name}.".startswith(f"{p.name}.")]
-        found = [file for plugin in may for file in _files_of(plugin) if file.name == name]
+        found = [file for plugin in may for file in self._files_of(plugin) if file.name == name]
         if not found:
             names = [file.name for file in self.files(group)]
             raise PluginNotFoundError(
@@ -399,6 +400,11 @@ class Registry:
         if len(found) > 1:
             raise _conflict(name, [file.plugin for file in found])
         return found[0]
+
+    def _files_of(self, plugin: Plugin) -> list[DataFile]:
+        if plugin not in self._files:  # a folder is looked through once
+            self._files[plugin] = _files_of(plugin)
+        return self._files[plugin]
 
 
 @dataclass(frozen=True)

@@ -120,6 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     given, author, code = sys.argv[1:] if argv is None else argv, "", 0
     try:
         arguments = _parser(given[0] if given else "").parse_args(given)
+        arguments.given = list(given)  # for a command that runs itself in another process
         author = getattr(arguments, "author", "")
         code = int(arguments.run(arguments))
         sys.stdout.flush()

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.checks.local import LocalFiles
-from ariac_score.checks.registry import Plugin, Registry, is_local, package_sha256
+from ariac_score.checks.registry import Plugin, Registry, is_local
 from ariac_score.cli.actions import add_action
+from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.engine.read import find_trial, read_trial
-from ariac_score.errors import PluginError, PluginNotFoundError, ScoreError, UsageError, did_you_mean
-from ariac_score.installed.points import unreadable_distributions, unreadable_hint
+from ariac_score.errors import PluginError, ScoreError, UsageError
+from ariac_score.installed.points import unreadable_distributions
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.terminal.style import plain, style_for
 from ariac_score.testing.contract import BUDGET_S, contract_checks
 from ariac_score.testing.doctor import ailments
+from ariac_score.testing.inventory import Brought, brought, brought_named, page_of
 from ariac_score.testing.made import made_trial
-from ariac_score.testing.pages import example_parameters, plugin_page
+from ariac_score.testing.pages import example_parameters
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.vocabulary import QUANTITIES
 
 EXIT_BROKEN = 1
+CALL_LIMIT_S = 120.0
+"""How long one call of a plugin may last while it is checked, s; its processor time has a budget besides."""
 EXIT_PLUGIN = 3
 
 
@@ -55,6 +61,13 @@ def register(commands: Any) -> None:
     check.add_argument(
         "--budget", type=float, default=None, metavar="S", help="most processor time for a million samples, s"
     )
+    check.add_argument(
+        "--time-limit-s",
+        type=float,
+        default=CALL_LIMIT_S,
+        metavar="S",
+        help=f"longest that one call of the plugin may last, s; default: {CALL_LIMIT_S:g}",
+    )
     check.set_defaults(run=run_check)
     doctor = add_action(actions, "doctor", "find everything that is wrong with installed plugins")
     doctor.set_defaults(run=run_doctor)
@@ -64,15 +77,13 @@ def register(commands: Any) -> None:
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print each plugin, with the reason for one that cannot be used."""
-    registry = Registry()
-    rows = [_row(registry, plugin) for group in GROUPS for plugin in registry.all(group)]
+    """Print everything that is installed, by kind, with the reason for what cannot be used."""
+    rows = [_row(one) for one in brought(Registry())]
     if arguments.output_format == "json":
         print(json.dumps(rows, indent=1, ensure_ascii=False))
     for row in rows if arguments.output_format == "text" else ():
         code = f" {row['sha256'][:16]}" if arguments.hash else ""
-        about = row["problem"] or row["summary"]
-        print(f"{row['kind']:<9} {row['name']:<30} {row['distribution']} {row['version']:<8}{code} {about}")
+        print(plain(f"{_line(row)}{code} {row['problem'] or row['summary']}"))
     unreadable = unreadable_distributions()
     for one in unreadable:  # not among the rows: nobody knows which plugins it has
         print(plain(f"{one.origin}: {one.reason}"), file=sys.stderr)
@@ -86,35 +97,34 @@ def run_list(arguments: argparse.Namespace) -> int:
     return EXIT_PLUGIN if unreadable or problems else 0
 
 
-def _row(registry: Any, plugin: Any) -> dict[str, str]:
+def _row(one: Brought) -> dict[str, str]:
     """A plugin as `list` shows it; `problem` is why it cannot be used."""
     row = {
-        "kind": plugin.group.rpartition(".")[2],
-        "name": plugin.name,
-        "distribution": plugin.distribution,
-        "version": plugin.version,
-        "target": plugin.target,
+        "kind": one.kind,
+        "name": one.name,
+        "distribution": one.plugin.distribution,
+        "version": one.plugin.version,
+        "target": one.plugin.target,
         "sha256": "",
-        "summary": "",
+        "summary": one.summary,
         "problem": "",
     }
-    try:
-        row["summary"] = _summary(plugin.load())
-        row["sha256"] = package_sha256(plugin.package)
-    except PluginError as error:
-        row["problem"] = f"BROKEN: {error.cause}"
-    try:
-        registry.find(plugin.group, plugin.name)
-    except PluginError as error:
-        row["problem"] = f"CANNOT BE USED: {error.cause}"
+    if one.problem:
+        row["problem"] = f"{'CANNOT BE USED' if one.conflict else 'BROKEN'}: {one.problem}"
+    with suppress(PluginError):
+        row["sha256"] = _sha256(one)
     return row
 
 
-def _summary(kind: Any) -> str:
-    """The first line of what a class says about itself."""
-    words = (kind.__doc__ or "").strip().partition("\n")[0]
-    # A dataclass without a docstring is given its signature for one: `Bad(limit_m: float = 1.0)`.
-    return "(no description)" if not words or words.startswith(f"{kind.__name__}(") else words
+def _sha256(one: Brought) -> str:
+    """The hash of a file, or of the code of the package that brings a plugin."""
+    if one.file is not None:
+        return hashlib.sha256(one.file.path.read_bytes()).hexdigest()
+    return one.plugin.code_sha256()
+
+
+def _line(row: dict[str, str]) -> str:
+    return f"{row['kind']:<16} {row['name']:<30} {row['distribution']} {row['version']:<8}"
 
 
 # show ----------------------------------------------------------------------------------
@@ -122,32 +132,43 @@ def _summary(kind: Any) -> str:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the distribution of a plugin, then its documentation."""
-    for plugin in _named(arguments.name):
-        kind = plugin.group.rpartition(".")[2].removesuffix("s")
-        page = plugin_page(plugin)
+    for one in _shown(arguments.name):
+        plugin = one.plugin
+        kind = f"{one.kind[:-3]}y" if one.kind.endswith("ies") else one.kind.removesuffix("s")
+        if one.problem:
+            raise PluginError(one.problem, origin=plugin.origin, hint=one.hint)
+        page = page_of(one)
         print(f"{kind} of {plugin.distribution} {plugin.version}, {plugin.target}")
-        print(f"code {plugin.code_sha256()}\n")
+        print(f"{'file' if one.file else 'code'} {_sha256(one)}\n")
         sys.stdout.write("".join(f"{plain(line)}\n" for line in page.splitlines()))
     return 0
 
 
+def _shown(name: str) -> list[Brought]:
+    if not is_local(name):
+        return brought_named(name, Registry())
+    plugin = _in_file(name)
+    return [Brought(plugin.group.rpartition(".")[2], plugin.name, plugin)]
+
+
 def _named(name: str) -> list[Any]:
-    """The plugins of that name, whatever their kind; or the class in a file, whose naming allows it.
+    """The plugins with a contract of that name, or the class in a file, whose naming allows it.
 
     Raises:
         PluginNotFoundError: Nobody provides it.
         PluginConflictError: Two distributions do.
         LocalPluginError: The file is not there, or no such class is in it.
+        UsageError: It is of a kind that is data or a function.
     """
     if is_local(name):
         return [_in_file(name)]
     registry = Registry()
     groups = [group for group in GROUPS if name in registry.names(group)]
     if not groups:
-        known = [known for group in GROUPS for known in registry.names(group)]
-        raise PluginNotFoundError(
-            f"no installed distribution provides {name!r}",
-            hint=did_you_mean(name, known, what="installed") + unreadable_hint(),
+        others = brought_named(name, registry)
+        raise UsageError(
+            f"{name!r} is one of {others[0].kind}, which have no contract to try",
+            hint="'ariac-score plugins doctor' loads it and says what is wrong with it",
         )
     return [registry.find(group, name) for group in groups]
 
@@ -170,8 +191,17 @@ def run_check(arguments: argparse.Namespace) -> int:
     budget_s = BUDGET_S if arguments.budget is None else arguments.budget
     if not budget_s > 0:
         raise UsageError(f"a budget of {budget_s:g} s is none", hint="give a positive number of seconds")
+    if not arguments.time_limit_s > 0:
+        raise UsageError(f"a limit of {arguments.time_limit_s:g} s is none", hint="give a positive number")
+    named = _named(arguments.name)
+    if not is_apart():
+        try:
+            return run_apart(arguments.given, call_limit_s=arguments.time_limit_s)
+        except PluginError as error:
+            _outcome("ends", error)
+            return EXIT_BROKEN
     code = 0
-    for plugin in _named(arguments.name):
+    for plugin in named:
         subject = _subject(plugin, arguments)
         try:
             built = plugin.build(example_parameters(plugin))
@@ -180,7 +210,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             _outcome("built", error)
             return EXIT_BROKEN
         what = arguments.trial.name if arguments.trial else "the made trial"
-        print(f"{plugin.origin}: {len(checks)} checks on {what}")
+        print(f"{plugin.origin}: {len(checks)} checks on {what}", flush=True)
         for check in checks:
             try:
                 unseen = check.run()
@@ -188,7 +218,10 @@ def run_check(arguments: argparse.Namespace) -> int:
                 _outcome(check.name, error)
                 code = EXIT_BROKEN
             else:
-                print(f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}")
+                print(
+                    f"  kept    {check.name:<24} {f'but {plain(unseen)}' if unseen else check.about}",
+                    flush=True,
+                )
     return code
 
 
@@ -221,8 +254,16 @@ def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
 
 
 def run_doctor(_arguments: argparse.Namespace) -> int:
-    """Print every problem with its remedy."""
-    found = ailments()
+    """Print everything that is installed and whether it can be used, then every problem with its remedy."""
+    installed = [*brought(Registry())]
+    found = ailments(installed)
+    broken = {ailment.plugin for ailment in found}
+    colour = style_for(sys.stdout)
+    for one in installed:
+        # Of several files that one entry point brings, only some may be broken.
+        bad = one.problem if one.file else one.plugin in broken
+        print(f"{plain(_line(_row(one)))} {colour('BROKEN', 'red') if bad else 'ok'}")
+    print()  # the problems last, where a terminal shows them
     for ailment in found:
         print(f"{plain(ailment.origin)}: {plain(ailment.problem)}\n  hint: {plain(ailment.hint)}")
     if not found:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.outcome import add_output, show
 from ariac_score.engine.price import reprice
@@ -41,8 +43,25 @@ def register(commands: Any) -> None:
         metavar="N",
         help="threads that read a recording; 0: one for each processor (default); the result is the same",
     )
+    parser.add_argument(
+        "--time-limit-s",
+        type=_time_limit,
+        default=0.0,
+        metavar="S",
+        help="score in a process of its own, which may take so long: what hangs or kills it is named",
+    )
     add_output(parser)
     parser.set_defaults(run=run)
+
+
+def _time_limit(text: str) -> float:
+    try:
+        limit_s = float(text)
+    except ValueError:
+        limit_s = 0.0
+    if not 0 < limit_s < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no positive number of seconds")
+    return limit_s
 
 
 def _jobs(text: str) -> int:
@@ -67,6 +86,8 @@ def add_cohort(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Score and show; the exit code is 0 if there is a score."""
     refuse_inputs(arguments.output, arguments.path)
+    if arguments.time_limit_s and not is_apart():
+        return run_apart(arguments.given, limit_s=arguments.time_limit_s)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
     with progress_bar(arguments.path) as progress:

@@ -67,7 +67,12 @@ def ask(
     before = _marks(trial)
     findings: list[Finding] = []
     began_s = time.process_time()  # not the clock on the wall: other processes are not the plugin's fault
-    with quiet(plugin.origin, notice, deep=True) if notice else quiet(plugin.origin, deep=True):
+    heard = (
+        quiet(plugin.origin, notice, deep=True, of=name)
+        if notice
+        else quiet(plugin.origin, deep=True, of=name)
+    )
+    with heard:
         try:
             for finding in _answers(plugin, name, check, trial):
                 if not isinstance(finding, Finding):
@@ -118,7 +123,7 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
     trial = replace(trial)  # its own, as in `ask`
     before = _marks(trial)
     try:
-        with quiet(plugin.origin):
+        with quiet(plugin.origin, of=name):
             charts = list(show(trial))
     except MissingSignalError:  # its finding says so already
         return []

@@ -31,7 +31,7 @@ def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
     if not isinstance(check, Monitor):
         return []
     try:
-        with quiet(plugin.origin):
+        with quiet(plugin.origin, of=name):
             stated = check.needs()
             if stated is None:
                 raise TypeError("None was returned; yield each, or return a list of them")

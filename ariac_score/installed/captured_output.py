@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import IO
 
+from ariac_score.installed.running import running
+
 __all__ = ["quiet"]
 
 _STDOUT = 1
@@ -21,14 +23,17 @@ def _to_stderr(origin: str, fault: str) -> None:
 
 
 @contextmanager
-def quiet(origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bool = False) -> Iterator[None]:
-    """Hold back what is printed in the body, and say which plugin printed it.
+def quiet(
+    origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bool = False, of: str = ""
+) -> Iterator[None]:
+    """Hold back what is printed in the body, say which plugin printed it, and note that it runs.
 
     Args:
         origin: The plugin that runs in the body, with its distribution and version.
         say: Takes the origin and what was printed; by default a notice goes to standard error.
         deep: Whether output that bypasses `print` is held back too: of libraries in C, of
             other processes. It takes a temporary file, so not for every message of a log.
+        of: Name of the check that the plugin runs for.
 
     >>> notices = []
     >>> with quiet("loud.rule (loud-rules 1.0)", lambda origin, fault: notices.append(fault)):
@@ -39,7 +44,8 @@ def quiet(origin: str, say: Callable[[str, str], None] = _to_stderr, *, deep: bo
     printed = io.StringIO()
     diverted: list[str] = []
     try:
-        with redirect_stdout(printed):
+        check = f"check {of!r}: " if of else ""
+        with running(f"{check}plugin {origin}"), redirect_stdout(printed):
             if deep:
                 with _diverted(diverted):
                     yield

@@ -115,13 +115,13 @@ class Bound:
         """Signed distance to the limit, shape (n,), negative where it is broken."""
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
-    @property
+    @cached_property
     def limited(self) -> BoolArray:
         """Where there is a limit, shape (n,)."""
         limited: BoolArray = np.isfinite(self.limit)
         return limited if self.applies is None else limited & self.applies
 
-    @property
+    @cached_property
     def broken(self) -> BoolArray:
         """Where it is broken, shape (n,)."""
         return self.limited & ((self.margin <= 0) if self.strict else (self.margin < 0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -259,12 +259,37 @@ class LimitMonitor(SubjectMonitor):
             unit: Of both, where it is another than the monitor's.
             strict: Whether equality breaks the limit.
         """
-        limits = limit if np.shape(limit) == np.shape(actual) else np.full_like(actual, limit)
-        return Bound(what or self.what, actual, limits, unit or self.unit, True, where, named, strict)
+        return self._against(True, actual, limit, where, named, what, unit, strict)
 
-    def at_least(self, actual: Any, limit: Any, **more: Any) -> Bound:
+    def at_least(
+        self,
+        actual: Any,
+        limit: Any,
+        *,
+        where: Any = None,
+        named: str = "",
+        what: str = "",
+        unit: str = "",
+        strict: bool = False,
+    ) -> Bound:
         """A measured value that must not fall below a limit; arguments as of `at_most`."""
-        return replace(self.at_most(actual, limit, **more), at_most=False)
+        return self._against(False, actual, limit, where, named, what, unit, strict)
+
+    def _against(
+        self,
+        at_most: bool,
+        actual: Any,
+        limit: Any,
+        where: Any,
+        named: str,
+        what: str,
+        unit: str,
+        strict: bool,
+    ) -> Bound:
+        # Of one instant both stay plain numbers: arrays of one would take most of the time of a live form.
+        if isinstance(actual, np.ndarray) and not isinstance(limit, np.ndarray):
+            limit = np.full_like(actual, limit)
+        return Bound(what or self.what, actual, limit, unit or self.unit, at_most, where, named, strict)
 
     # What follows ---------------------------------------------------------------------------------
 
@@ -320,6 +345,11 @@ class LimitMonitor(SubjectMonitor):
             severity: In place of the monitor's own `severity`.
             labels: In place of the monitor's own `labels`.
         """
+        if np.shape(bound.margin) != (len(signals),):
+            shape = np.shape(bound.margin)
+            raise ValueError(
+                f"margin has the shape {shape}, but one number for each of {len(signals)} samples is due"
+            )
         limit, met = JudgedLimit(signals, bound), self.encounter
         exposure = {} if met is None else met.exposure(signals)  # of the whole trial, so once
         further, words = severity or self.severity, labels or self.labels

@@ -76,7 +76,6 @@ class SubjectsOnline:
         known = [] if lacks else subjects.of(bodies)
         unknown = "" if known or self._naming else "whom it is about is not known before the trial"
         self.undecided = lacks or unknown
-        self._known: set[str] = set()
         for subject in known:
             self._follow(subject)
 
@@ -115,9 +114,6 @@ class SubjectsOnline:
             self._follow(Subject("/".join(ids.values()), ids))
 
     def _follow(self, subject: Subject) -> None:
-        if subject.name in self._known:
-            return
-        self._known.add(subject.name)
         names = {template: subject.fill(template) for template in self._templates}
         alignment = self._arrivals.aligned([*names.values()], max_gap_s=self._max_gap_s)
         followed = _Followed(subject.name, names, alignment)

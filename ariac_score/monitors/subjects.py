@@ -32,8 +32,17 @@ class Subject:
 
         >>> Subject("truck/ann", {"vehicle": "truck", "pedestrian": "ann"}).fill("speed/{vehicle}")
         'speed/truck'
+
+        Raises:
+            ValueError: It names somebody else.
         """
-        return template.format(**self.bodies)
+        try:
+            return template.format(**self.bodies)
+        except (KeyError, IndexError) as named:
+            known = ", ".join(f"{{{place}}}" for place in self.bodies) or "nobody"
+            raise ValueError(
+                f"signal {template!r} names {{{named.args[0]}}}, but its subjects are {known}"
+            ) from None
 
 
 WHOLE_TRIAL = Subject("trial", {})

@@ -24,7 +24,19 @@ from ariac_score.errors import FormulaError, did_you_mean
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["FUNCTIONS", "Environment", "Expression", "HasTexts", "Number", "Traced", "add_up", "text_of"]
+__all__ = [
+    "APPLIED",
+    "COMPARISONS",
+    "FUNCTIONS",
+    "Environment",
+    "Expression",
+    "HasTexts",
+    "Number",
+    "Traced",
+    "add_up",
+    "arity_of",
+    "text_of",
+]
 
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
@@ -143,6 +155,10 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "any": (None, lambda *v: int(any(v))),
     "all": (None, lambda *v: int(all(v))),
 }
+COMPARISONS = _COMPARE
+"""How comparisons are written and decided."""
+APPLIED: Mapping[str, Callable[..., Any]] = {name: apply for name, (_, apply) in _SCALAR_FUNCTIONS.items()}
+"""The functions of numbers."""
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),
@@ -166,6 +182,16 @@ FUNCTIONS: Mapping[str, str] = {
     "all": "1 when none is 0, else 0",
 }
 """The functions of numbers alone, in words."""
+
+
+def arity_of(function: str) -> int | None:
+    """How many numbers a function takes; `None` for one or more.
+
+    >>> arity_of("clip"), arity_of("max")
+    (3, None)
+    """
+    return _SCALAR_FUNCTIONS[function][0]
+
 
 _STRUCTURE = (
     ast.BinOp,

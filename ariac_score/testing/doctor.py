@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
 from typing import Any
 
-from ariac_score.checks.contracts import GROUPS, OTHER_GROUPS, VALUE_GROUPS
-from ariac_score.checks.registry import FILE_GROUPS, DataFile, Plugin, Registry, package_sha256
-from ariac_score.engine.signal_needs import DERIVED, deriver_of
+from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import Plugin, Registry, package_sha256
 from ariac_score.errors import PluginError, ScoreError, did_you_mean
 from ariac_score.installed.points import unreadable_distributions
-from ariac_score.logs.logmap import load_log_map
-from ariac_score.scoring.penalties import load_penalty
-from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing.contract_check import built_by_name, undocumented
+from ariac_score.testing.inventory import ALL_GROUPS, Brought, brought
 from ariac_score.testing.pages import example_parameters
-from ariac_score.trial.vocabulary import OUR_QUANTITIES, Quantity, contradiction
 
 __all__ = ["Ailment", "ailments"]
 
@@ -46,15 +42,21 @@ class Ailment:
         origin: The plugin, with distribution and version.
         problem: What is wrong.
         hint: What to do.
+        plugin: The entry point; `None` where a distribution cannot be read.
     """
 
     origin: str
     problem: str
     hint: str
+    plugin: Plugin | None = None
 
 
-def ailments() -> list[Ailment]:
-    """Everything that is wrong with what is installed."""
+def ailments(known: Sequence[Brought] | None = None) -> list[Ailment]:
+    """Everything that is wrong with what is installed.
+
+    Args:
+        known: What is installed (`brought`), where the caller has it already.
+    """
     registry = Registry()
     found = [
         Ailment(one.origin, one.reason, "none of its plugins is used; repair or reinstall it")
@@ -63,74 +65,21 @@ def ailments() -> list[Ailment]:
     found += _unknown_groups(registry)
     for group in GROUPS:
         for plugin in registry.all(group):
-            found += (Ailment(plugin.origin, problem, hint) for problem, hint in _problems(registry, plugin))
-    for group in OTHER_GROUPS:
-        for plugin in registry.all(group):
-            found += (Ailment(plugin.origin, *problem) for problem in _conflicts(registry, plugin))
-    for group in FILE_GROUPS:
-        for plugin in registry.all(group):
-            found += (Ailment(plugin.origin, *problem) for problem in _of_files(registry, plugin))
-    for group in VALUE_GROUPS:
-        for plugin in registry.all(group):
-            found += (Ailment(plugin.origin, *problem) for problem in _of_value(registry, plugin))
+            found += (Ailment(plugin.origin, *problem, plugin) for problem in _problems(registry, plugin))
+    for one in brought(registry) if known is None else known:
+        if one.plugin.group not in GROUPS and one.problem:
+            found.append(Ailment(one.plugin.origin, _of(one), one.hint, one.plugin))
     return found
 
 
-def _of_value(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
-    """What is wrong with a value that an entry point brings."""
-    try:
-        value = plugin.value()
-        if isinstance(value, Quantity):
-            words = contradiction(plugin.name, value)
-            if words and value != OUR_QUANTITIES.get(plugin.name):
-                yield words, "declare a quantity under another name"
-        else:  # two distributions may declare the same quantity, and nothing else
-            registry.find(plugin.group, plugin.name)
-        if plugin.group == DERIVED:
-            deriver_of(plugin.name, registry)
-    except PluginError as error:
-        yield error.fault, error.hint
-
-
-def _of_files(registry: Registry, plugin: Plugin) -> Iterator[tuple[str, str]]:
-    """What is wrong with the files that an entry point brings."""
-    try:
-        plugin.path()
-    except PluginError as error:
-        yield error.fault, error.hint
-        return
-    files = [file for file in registry.files(plugin.group) if file.plugin == plugin]
-    if not files:
-        yield "names a folder without any such file", "put .yaml files there, or name another folder"
-    for file in files:
-        try:
-            registry.file(plugin.group, file.name)
-            own_id = _LOADERS[plugin.group](file, registry)
-        except ScoreError as error:
-            yield f"{file.name}: {error.cause}", error.hint
-            continue
-        if own_id != file.name:
-            words = f"has the id {own_id!r}, and is called {file.name!r}"
-            yield words, "results name rules and log maps by their id; let both be the same"
-
-
-def _rule_set_id(file: DataFile, registry: Registry) -> str:
-    rule_set = load_rule_set(file.name, registry)
-    rule_set.build(registry)
-    return rule_set.id
-
-
-_LOADERS: Mapping[str, Callable[[DataFile, Registry], str]] = {
-    "ariac_score.rule_sets": _rule_set_id,
-    "ariac_score.log_maps": lambda file, registry: load_log_map(file.name, registry=registry).id,
-    "ariac_score.penalties": lambda file, _: load_penalty(file.name, folder=file.path.parent).id,
-}
-"""Loads a file of each group as scoring does, and gives its id."""
+def _of(one: Brought) -> str:
+    """The problem, with the name of the file where one entry point brings several."""
+    return one.problem if one.name == one.plugin.name else f"{one.name}: {one.problem}"
 
 
 def _unknown_groups(registry: Registry) -> Iterator[Ailment]:
     """Plugins that nothing uses: their group is misspelt, or of another version."""
-    known = [*GROUPS, *OTHER_GROUPS, *FILE_GROUPS, *VALUE_GROUPS]
+    known = ALL_GROUPS
     for group in registry.groups():
         for plugin in registry.all(group) if group not in known else ():
             yield Ailment(

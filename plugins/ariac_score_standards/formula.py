@@ -1,8 +1,8 @@
 """Monitors without Python: a formula over signals that always holds, never, or in time.
 
 The formula is of the expression language of score sheets, on columns. Names are those
-of `signals` (templates such as `speed/{robot}`, filled in for every robot, AGV and
-human they name) and of `parameters`:
+of `signals` (templates such as `speed/{robot}`, filled in for every body of the kinds
+they name) and of `parameters`:
 
     separation:
       use: formula.always
@@ -59,6 +59,8 @@ from ariac_score.monitors import (
 )
 
 _KINDS = ("robot", "agv", "human")
+_EXAMPLES = ", ".join(_KINDS)
+_KIND = re.compile(r"[a-z][a-z0-9_]*")
 _AXES = {".x": 0, ".y": 1, ".z": 2}
 MAX_SOURCE_LENGTH = 500
 """A longer text is no signal; to refuse it the pattern would take time that grows with its square."""
@@ -184,9 +186,11 @@ def _source(name: str, text: str) -> _Source:
         placeholders = {field for _, field, _, _ in Formatter().parse(template) if field is not None}
     except ValueError as wrong:
         raise ValueError(f"signal {name!r} is {text!r}: {wrong}") from None
-    unknown = sorted(placeholders - set(_KINDS))
-    if unknown:
-        raise ValueError(f"signal {name!r} names {{{unknown[0]}}}; it may name {', '.join(_KINDS)}")
+    for kind in sorted(placeholders):
+        misspelt = [] if kind in _KINDS else get_close_matches(kind, _KINDS, n=1, cutoff=0.7)
+        if misspelt or not _KIND.fullmatch(kind):
+            meant = f"did you mean {misspelt[0]}?" if misspelt else f"it may name a kind of body: {_EXAMPLES}"
+            raise ValueError(f"signal {name!r} names {{{kind}}}; {meant}")
     known = QUANTITIES.get(template.partition("/")[0])
     if known is not None and unit not in (None, known.unit):
         raise ValueError(f"signal {name!r} is wanted in {unit!r}, but it is measured in {known.unit!r}")
@@ -274,8 +278,9 @@ class Formula(SubjectMonitor):
     @property
     def subjects(self) -> Subjects:
         """Every combination of bodies of the kinds that the templates name."""
-        templates = " ".join(self.wanted)
-        return Subjects(tuple(kind for kind in _KINDS if f"{{{kind}}}" in templates))
+        named = [field for template in self.wanted for _, field, _, _ in Formatter().parse(template) if field]
+        known = [kind for kind in _KINDS if kind in named]
+        return Subjects(tuple(dict.fromkeys([*known, *named])))
 
     def _of(self, text: str, signals: Signals) -> FormulaValues:
         """A formula on columns, or at one instant.
@@ -377,12 +382,12 @@ class _FormulaBound(Bound):
         """That of the formula; the limit is what it compares with."""
         return self.actual
 
-    @property
+    @cached_property
     def limited(self) -> BoolArray:
         """Everywhere."""
         return np.ones_like(self.holds)
 
-    @property
+    @cached_property
     def broken(self) -> BoolArray:
         """Where it is not true; that can be at a margin of 0."""
         return ~self.holds

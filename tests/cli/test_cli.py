@@ -236,7 +236,8 @@ def test_plugins_are_listed_with_who_brought_them(capsys: pytest.CaptureFixture[
     assert main(["plugins", "list"]) == 0
 
     out = capsys.readouterr().out
-    assert "monitors  iso_ts_15066.ssm_separation" in out
+    assert re.search(r"^monitors +iso_ts_15066.ssm_separation ", out, re.MULTILINE)
+    assert re.search(r"^rule_sets +paper2020 +ariac-score 0", out, re.MULTILINE)
     assert all("ariac-score 0." in line for line in out.splitlines() if " kitting." in line)
 
 

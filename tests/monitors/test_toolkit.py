@@ -325,6 +325,90 @@ def test_the_guard_counts_from_when_it_is_on() -> None:
     (kept,) = Guarded().watch(hover(0.5, 0.5, 2.0, 2.0, on_s=0.1))
 
     assert kept.verdict is Verdict.SATISFIED
+    assert not kept.critical  # whatever a violation would be
+
+
+@dataclass(frozen=True)
+class Held(MarginMonitor):
+    """A drone flies above the ground, and whoever asks for the impossible is told."""
+
+    subjects = bodies("drone")
+    wanted: ClassVar = {"height/{drone}": "m"}
+    optional: ClassVar = {"height/{drone}::arm": "m"}
+    what, unit = "height", "m"
+
+    def margin(self, signals: Signals) -> Bound:
+        if np.any(signals["height/{drone}"] > 100):
+            raise UndecidedError("above 100 m nobody knows")
+        return self.at_least(signals["height/{drone}"], 0.0, strict=True)
+
+
+def test_online_equality_breaks_a_strict_limit_and_what_is_unknown_is_inconclusive() -> None:
+    trial = flight([0.0] * 3, [1.0, 0.0, 200.0])
+    watch = Held().begin(trial.bodies)
+    height = trial.signals["height/d"]
+    verdicts = [one for i in range(3) for one in watch.step([height.sample(i)])]
+
+    assert [one.verdict for one in verdicts] == [
+        Verdict.SATISFIED,
+        Verdict.VIOLATED,
+        Verdict.INCONCLUSIVE,
+    ]
+    assert [one.message for one in verdicts] == [
+        "height 1.000 m (at least 0.000)",
+        "height 0.000 m (at least 0.000)",
+        "above 100 m nobody knows",
+    ]
+    (finding,) = Held().watch(trial)
+    assert finding.message == "above 100 m nobody knows"
+
+
+def test_a_quantity_that_is_needed_is_not_optional_too() -> None:
+    assert [(need.quantity, need.optional) for need in Held().needs()] == [("height", False)]
+
+
+def test_a_chart_of_a_margin_alone_shows_where_nothing_is_asked_for() -> None:
+    (chart,) = Cool().charts(flight([99.0, 70.0, 85.0], [0.0, 1.0, 1.0]))
+
+    assert np.isnan(chart.margin[0])
+    assert chart.margin[1:].tolist() == [10.0, -5.0]
+
+
+@dataclass(frozen=True)
+class Enabled(LimitMonitor):
+    """A drone is still unless it is enabled."""
+
+    subjects = bodies("drone")
+    wanted: ClassVar = {"height/{drone}": "m"}
+    flags = ("enabled",)
+    unit = "m"
+
+    def margin(self, signals: Watched) -> Bound:
+        return self.at_most(
+            signals["height/{drone}"], 0.0, where=~signals.flag("enabled", self.max_flag_age_s)
+        )
+
+
+@pytest.mark.parametrize(
+    ("on_at_s", "verdict", "words"),
+    [
+        ([0.0], "satisfied", "keeps its limit"),
+        ([0.05], "inconclusive", "'enabled' is not known at 0.000 s"),
+        ([], "inconclusive", "neither a signal 'enabled/d' nor 'enabled' events"),
+    ],
+)
+def test_a_flag_that_is_not_known_throughout_leaves_its_subject_open(
+    on_at_s: list[float], verdict: str, words: str
+) -> None:
+    trial = flight([0.0] * 3, [1.0, 1.0, 0.0])
+    t = np.array([*on_at_s, 0.1])
+    flag = Signal("enabled/d", "1", t, np.array([*(1.0 for _ in on_at_s), 0.0]))
+    signals = {**trial.signals, flag.name: flag} if on_at_s else dict(trial.signals)
+    (finding,) = Enabled().watch(replace(trial, signals=signals))
+
+    assert finding.verdict.value == verdict
+    assert words in finding.message
+    assert [need.quantity for need in Enabled().needs()] == ["height", "enabled"]
 
 
 # Encounters ------------------------------------------------------------------------------
@@ -408,6 +492,39 @@ def test_a_monitor_may_judge_its_subjects_without_a_margin() -> None:
     ]
     assert [(f.subject, f.message) for f in Arrives().watch(trial)] == [("trial", "no goal is given")]
     assert not hasattr(Arrives(), "margins")
+
+
+# What authors get wrong --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Wrong(LimitMonitor):
+    """Takes the least of all, or names a body that it is not about."""
+
+    name: str = parameter("height/{drone}")
+
+    subjects = bodies("drone")
+
+    @property
+    def wanted(self) -> dict[str, str]:
+        return {self.name: "m"}
+
+    def margin(self, signals: Watched) -> FloatArray:
+        least: FloatArray = signals[self.name].min()
+        return least
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("height/{drone}", r"shape \(\), but one number for each of 2 samples is due"),
+        ("gap/{drone}/{human}", r"names \{human\}, but its subjects are \{drone\}"),
+        ("gap/{}", r"names .*, but its subjects are \{drone\}"),
+    ],
+)
+def test_mistakes_of_an_author_are_named(name: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        list(Wrong(name).watch(flight([0.0] * 2, [1.0] * 2)))
 
 
 # Parameters, and the promise of the tutorial ----------------------------------------------

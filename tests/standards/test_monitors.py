@@ -1213,6 +1213,20 @@ BUSY: Mapping[str, Any] = {
 }
 
 
+def test_a_formula_is_about_bodies_of_any_kind() -> None:
+    t = np.arange(3) * 0.05
+    near = Signal("gap/car/ann", "m", t, np.array([2.0, 0.5, 2.0]))
+    cast = (Body("ann", "pedestrian"), Body("car", "vehicle"))
+    trial = Trial("t", bodies=cast, signals={near.name: near}, recorded=Span(0.0, 0.1))
+    apart = Always(holds="gap >= 1", signals={"gap": "gap/{vehicle}/{pedestrian} [m]"}, unit="m")
+
+    (finding,) = apart.watch(trial)
+    (nobody,) = apart.watch(replace(trial, bodies=cast[:1]))
+
+    assert (finding.subject, finding.verdict, finding.robustness) == ("car/ann", VIOLATED, -0.5)
+    assert (nobody.verdict, nobody.message) == (INCONCLUSIVE, "the log shows no vehicle")
+
+
 def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.Subtests) -> None:
     """A price on a quantity is one in every trial; the sheet takes a name nobody has for a misspelt one."""
     cases = BUSY
@@ -1865,7 +1879,8 @@ def test_a_bad_parameter_is_named(subtests: pytest.Subtests) -> None:
         (lambda: Always(holds="sqrt(v) > 1", signals={"v": "speed/{robot}"}), "unknown function 'sqrt'"),
         (lambda: Always(holds="v >", signals={"v": "speed/{robot}"}), "is not a formula"),
         (lambda: Always(holds="v.x()", signals={"v": "speed/{robot}"}), "is not allowed in a formula"),
-        (lambda: Always(signals={"v": "speed/{dog}"}), r"names \{dog\}; it may name robot"),
+        (lambda: Always(signals={"v": "speed/{robt}"}), r"names \{robt\}; did you mean robot\?"),
+        (lambda: Always(signals={"v": "speed/{0}"}), r"names \{0\}; it may name a kind of body: robot"),
         (lambda: Always(signals={"v": "pressure/{robot}"}), "of no known quantity: .*name its unit"),
         (lambda: Always(signals={"v": "speed/{robot} [km/h]"}), "but it is measured in 'm/s'"),
         (lambda: Always(signals={"v": "position/{robot}"}), "has 3 components"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -73,13 +74,20 @@ ILL: dict[str, tuple[str, str, str]] = {
 def found(capsys: pytest.CaptureFixture[str]) -> str:
     """What the doctor says; something must be wrong."""
     assert main(["plugins", "doctor"]) == 1
-    return capsys.readouterr().out
+    listed, _, problems = capsys.readouterr().out.partition("\n\n")
+    assert re.search(r" BROKEN$", listed, re.MULTILINE)
+    assert re.search(r"^rules +kitting.pose +ariac-score 0\S* +ok$", listed, re.MULTILINE)
+    return problems
 
 
 def test_what_is_shipped_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert ailments() == []
     assert main(["plugins", "doctor"]) == 0
-    assert capsys.readouterr().out == "every installed plugin can be used\n"
+    listed, _, problems = capsys.readouterr().out.partition("\n\n")
+    assert problems == "every installed plugin can be used\n"
+    assert all(line.endswith(" ok") for line in listed.splitlines())
+    kinds = {line.split()[0] for line in listed.splitlines()}
+    assert kinds >= {"rules", "readers", "rule_sets", "log_maps", "penalties", "exports", "commands"}
 
 
 def test_a_sound_stranger_is_nothing_to_speak_of(install: Install) -> None:

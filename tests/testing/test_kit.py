@@ -41,7 +41,7 @@ def test_a_new_check_is_scored_at_once_and_grows_into_a_distribution_that_passes
 
     assert " passed" in done.stdout
     doctor = environment.run("ariac-score plugins doctor", tmp_path)
-    assert stem not in doctor.stdout
+    assert doctor.returncode == 0, doctor.stdout
     shown = environment.run(f"ariac-score plugins show {name}", folder)
     cls = f"Trial{kind.capitalize()}"
     assert shown.stdout.startswith(f"{kind} of {folder.name} 0.1.0, {stem}:{cls}")

@@ -79,6 +79,8 @@ def test_the_page_has_every_step() -> None:
     languages = [language for language, _, _ in steps()]
 
     assert languages.count("sh") >= 8
+    # A quarter of an hour: a minute for the commands together, five for the words, the rest to look.
+    assert sum(len(text.splitlines()) for language, _, text in steps() if language == "sh") <= 20
     assert languages.count("text") >= 4
     assert [file for _, file, _ in steps() if file] == [
         "workshop_calm_robot.py",

@@ -121,7 +121,7 @@ with the checks that are charged:
 
 ```yaml
 id: mine
-title: ARIAC 2020 with a penalised final score
+title: The rules of the paper with a penalised final score
 source: this page
 extends: paper2020
 score: task

@@ -1,0 +1,65 @@
+"""Which plugin runs now, noted in a file, so that it can be named when it takes its process with it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["note_in", "noted", "running"]
+
+_LONGEST = 500
+"""A note has so many bytes, so that one write replaces the one before; what is longer is cut."""
+
+
+class _Notes:
+    """The notes of this process; it makes none until somebody wants to read them."""
+
+    def __init__(self) -> None:
+        self.file, self.count, self.words = -1, 0, ""
+
+    def write(self, words: str) -> None:
+        self.words = words
+        self.count += 1
+        note = f"{self.count} {words}".encode("utf-8", "replace")[:_LONGEST].ljust(_LONGEST)
+        os.pwrite(self.file, note, 0)
+
+
+_NOTES = _Notes()
+
+
+def note_in(file: Path) -> None:
+    """Note from now on which plugin runs, in a file of this process alone."""
+    _NOTES.file = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+
+
+@contextmanager
+def running(words: str) -> Iterator[None]:
+    """Note that a plugin runs in the body.
+
+    Args:
+        words: Such as `check 'separation': plugin ours.near_miss (ours 1.0)`.
+    """
+    if _NOTES.file < 0:
+        yield
+        return
+    before = _NOTES.words
+    _NOTES.write(words)
+    try:
+        yield
+    finally:
+        _NOTES.write(before)
+
+
+def noted(file: Path) -> tuple[int, str]:
+    """How often the note has changed, and the plugin that ran last; empty where none did.
+
+    >>> noted(Path("nowhere"))
+    (0, '')
+    """
+    try:
+        count, _, words = file.read_bytes().decode("utf-8", "replace").partition(" ")
+        return int(count), words.rstrip()
+    except (OSError, ValueError):
+        return 0, ""
