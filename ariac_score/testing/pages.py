@@ -1,4 +1,4 @@
-"""The page of a plugin: its docstring, parameters, needs, and an example of its findings."""
+"""The page of a plugin: its docstring, parameters, needs, quantities, and an example of its findings."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from ariac_score.checks.contracts import GROUPS, Monitor, Rule
 from ariac_score.checks.findings import Finding
+from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_of
 from ariac_score.engine.ask import ask
 from ariac_score.engine.signal_needs import needs_of
@@ -41,7 +42,8 @@ def plugin_page(plugin: Plugin) -> str:
         PluginError: It cannot be imported.
     """
     kind = plugin.load()
-    parts = [f"# `{plugin.name}`", *_docstring(kind), *_parameters(kind), *_needs(plugin), *_example(plugin)]
+    parts = [f"# `{plugin.name}`", *_docstring(kind), *_parameters(kind), *_needs(plugin)]
+    parts += [*_measures(plugin), *_example(plugin)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -167,6 +169,23 @@ def _needs(plugin: Plugin) -> list[str]:
     if all(row["needed"] == "yes" for row in rows):
         rows = [{name: cell for name, cell in row.items() if name != "needed"} for row in rows]
     return ["## Needs", _table(rows)]
+
+
+def _measures(plugin: Plugin) -> list[str]:
+    """The quantities of its findings, which a rule set may price."""
+    check = _built(plugin)
+    if not isinstance(check, Rule | Monitor):
+        return []
+    rows = [
+        {
+            "quantity": f"`{name}`",
+            "unit": measure.unit,
+            "role": "" if measure.role == "measure" else measure.role,
+            "meaning": measure.meaning,
+        }
+        for name, measure in measures_of(check).items()
+    ]
+    return ["## Quantities", _table(rows)] if rows else []
 
 
 def example_parameters(plugin: Plugin) -> dict[str, Any]:
