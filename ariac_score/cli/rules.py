@@ -17,6 +17,7 @@ from ariac_score.engine.price import reprice
 from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.competition import stored_results
+from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
@@ -172,12 +173,15 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
-    """Load each rule set, build its checks and load its log map."""
+    """Load each rule set with everything that it names: checks, log map, how it ranks."""
     registry = registry_of(arguments)
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
         prepared.refuse_unknown_quantities()
         plugins_of_log_map(prepared.log_map, registry)
+        ranking = ranking_spec(prepared.rule_set, {}, file=prepared.rule_set.file)
+        if ranking.strict:
+            evaluation_program(ranking.strict, registry)
         rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
@@ -189,7 +193,8 @@ def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
     registry, broken, penalties = registry_of(arguments), False, penalty_names()
     for name in arguments.names or [*rule_set_names(registry), *penalties]:
-        is_penalty = name in penalties
+        # A misspelt penalty is named as one.
+        is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
@@ -198,7 +203,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")
         for outcome in outcomes:
-            for line in outcome_lines(outcome, rule_set.breaks.get(outcome.law.name, "")):
+            for line in outcome_lines(
+                outcome, rule_set.sheet.levels, rule_set.breaks.get(outcome.law.name, "")
+            ):
                 print(f"  {line}")
         sys.stdout.flush()
         broken |= any(outcome.verdict == "broken" for outcome in outcomes)

@@ -16,11 +16,10 @@ from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_of
 from ariac_score.engine.ask import ask
-from ariac_score.engine.signal_needs import needs_of
+from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import ScoreError
 from ariac_score.scoring.ruleset import installed_rule_sets
 from ariac_score.testing.made import made_trial
-from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
@@ -228,8 +227,8 @@ def _made() -> Trial:
 
 def _findings(plugin: Plugin, check: Any) -> list[Finding]:
     # As the engine does, so that the example is what a score would show.
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs_of(plugin, "example", check)]
-    return ask(plugin, "example", check, derive_signals(_made(), wanted))
+    needs = needs_of(plugin, "example", check)
+    return ask(plugin, "example", check, with_derived(_made(), needs, Registry()))
 
 
 def _chosen(findings: list[Finding]) -> list[Finding]:
