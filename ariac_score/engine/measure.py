@@ -180,7 +180,7 @@ def _refuse_other_levels(scope: Scope, rule_set: RuleSet) -> None:
         if inner.level not in levels[: levels.index(scope.level)]:
             known = inner.level in levels
             raise RuleSetError(
-                f"{inner.path!r} of level {inner.level!r} lies inside a {scope.level}, which it cannot"
+                f"{inner.path!r} of level {inner.level!r} lies inside one of level {scope.level!r}"
                 if known
                 else f"the trial has {inner.path!r} of level {inner.level!r}, which is not declared",
                 file=rule_set.file,

@@ -154,7 +154,8 @@ class Prepared:
                     f"{function}() prices the quantity {quantity!r}, which check {name!r} does not measure",
                     file=self.rule_set.file,
                     place=formula.where,
-                    hint=did_you_mean(quantity, declared, what=f"quantities of {name}"),
+                    hint=f"{did_you_mean(quantity, declared, what='measured')}; a check without depth is "
+                    "priced with count(), occurrences() or charged()",
                 )
 
     def refuse_unknown_quantities(self, recorded: Container[str] = ()) -> None:

@@ -41,6 +41,7 @@ def price_trial(
             rule_set.policies,
             digits=rule_set.digits,
             cohort=cohort,
+            measures=measured.measures,
         )
     except FormulaError as error:
         error.file = error.file or rule_set.file

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
 
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
+from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.expression import Traced
-from ariac_score.scoring.ledger import Line
+from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import Adjusted
 from ariac_score.terminal.style import Style, plain
 from ariac_score.trial.signals import Sample
@@ -144,11 +146,13 @@ def _ledger(result: Result, style: Style) -> Iterator[str]:
 def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:
     # Single findings are listed below with their cause; here they would bury the amounts.
     for line in lines:
+        if line.kind == "neutral" or line.path.endswith("/neutral"):
+            continue  # 'explain' shows what changed nothing
         if line.kind == "factor" and line.value == 1 and not line.amount:
-            continue  # a gate that is open changes nothing; 'explain' shows it all the same
+            continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = shown.children and all(child.findings for child in shown.children)
+        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
         if depth < deepest and shown.children and not of_findings:
             yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
 
@@ -164,13 +168,24 @@ def _worth_showing(line: Line) -> Line:
 
 def _ledger_line(line: Line, style: Style, depth: int) -> str:
     label = "  " * depth + plain(_name(line))
-    amount = amount_text(line.amount, sign=line.kind == "factor")
+    if len(label) > _WIDTH - 3 and line.findings:  # the whole message stands with the finding
+        label = label[: _WIDTH - 4] + "…"
+    amount = amount_text(line.amount, sign=line.kind in ("factor", "taken"))
     looks = ("red",) if line.amount < 0 else ("dim",) if not line.amount else ()
     dots = " " + "·" * max(2, _WIDTH - len(label)) + " "
-    return label + style(dots, "dim") + style(amount, *looks)
+    return label + style(dots, "dim") + style(amount, *looks) + style(_beside(line), "dim")
+
+
+def _beside(line: Line) -> str:
+    """What else there is to say of an amount: the rule's price, or why it is 0."""
+    words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
+    words += [line.reason] if line.reason and line.kind != "cap" else []
+    return f"  ({'; '.join(map(plain, words))})" if words else ""
 
 
 def _name(line: Line) -> str:
+    if line.kind == "taken" and len(line.findings) == 1:
+        return f"{line.findings[0]} {line.label}"
     if line.kind in ("factor", "rounding") or not line.subject or line.subject in line.label:
         return line.label
     own = line.subject.rpartition("/")[2]
@@ -196,8 +211,14 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
 
 
 def _costs(result: Result) -> dict[str, str]:
-    """For each finding behind a factor that took points, the points and the factor."""
-    costs: dict[str, str] = {}
+    """What each finding took; in a ledger of the former method, the factor behind which it was."""
+    costs = {
+        key: f" ({amount_text(line.amount, sign=True)})" for key, line in taken_by(result.ledger).items()
+    }
+    if not result.is_former:
+        lines = result.ledger.walk() if result.ledger else ()
+        why = {key: f" (0: {plain(line.reason)})" for line in lines if line.reason for key in line.findings}
+        return why | costs
     for line in result.ledger.walk() if result.ledger else ():
         if line.kind == "factor" and line.amount < 0:
             for key in line.findings:
@@ -297,11 +318,13 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     adjusted = result.adjusted.ledger if result.adjusted else None
     if adjusted is not None:
         for line in _matching(adjusted, path) if path else [adjusted]:
-            lines += [*_explained(line, result, style, 0), ""]
+            lines += [*_explained(line, _Explained(result), style, 0), ""]
     if result.ledger is not None:
         matching = [result.ledger] if not path else _matching(result.ledger, path)
+        shown = [key for line in matching for key in taken_by(line)]
+        explained = _Explained(result, without_alone(result, shown))
         for line in matching:
-            lines += [style(plain(line.path), "bold"), *_explained(line, result, style, 1), ""]
+            lines += [style(plain(line.path), "bold"), *_explained(line, explained, style, 1), ""]
         if matching and not path:
             return "\n".join(lines)
     for key, finding in result.measured.findings.items():
@@ -330,15 +353,31 @@ def _below(line: Line, other: Line) -> bool:
     return line.path.startswith(f"{other.path}/")
 
 
-def _explained(line: Line, result: Result, style: Style, depth: int) -> Iterator[str]:
+@dataclass(frozen=True)
+class _Explained:
+    """A result, and for findings the score as it would be without each of them alone."""
+
+    result: Result
+    alone: Mapping[str, Decimal] = field(default_factory=dict)
+
+
+def _explained(line: Line, of: _Explained, style: Style, depth: int) -> Iterator[str]:
     yield _ledger_line(line, style, depth)
+    if line.kind == "taken" and len(line.findings) == 1 and line.findings[0] in of.alone:
+        score = of.alone[line.findings[0]]
+        gain = amount_text(score - (of.result.score or Decimal(0)), sign=True)
+        yield style(f"{'  ' * (depth + 1)}without it alone: {amount_text(score)} ({gain})", "cyan")
+    if line.children and line.trace is not None:
+        yield from _traced(line.trace, style, depth + 1)
     for child in line.children:
-        yield from _explained(child, result, style, depth + 1)
-    if not line.children:
+        yield from _explained(child, of, style, depth + 1)
+    if line.kind == "neutral" and depth > 1:
+        yield style(f"{'  ' * (depth + 1)}{', '.join(line.findings)}", "dim")
+    elif not line.children:
         if line.trace is not None and line.trace.children:
             yield from _traced(line.trace, style, depth + 1)
         for key in line.findings:
-            yield from _finding_lines(key, result.measured.findings[key], style, depth + 1)
+            yield from _finding_lines(key, of.result.measured.findings[key], style, depth + 1)
 
 
 def _traced(traced: Traced, style: Style, depth: int) -> Iterator[str]:

@@ -210,6 +210,7 @@ def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha25
             rule_set.policies,
             digits=rule_set.digits,
             cohort=result.cohort,
+            measures=result.measured.measures,
         )
 
     return adjusted_ledger(

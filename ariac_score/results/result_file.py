@@ -373,6 +373,7 @@ def check_follows(result: Result) -> None:
             rule_set.policies,
             digits=rule_set.digits,
             cohort=result.cohort,
+            measures=result.measured.measures,
         )
     except ScoreError as error:
         raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error

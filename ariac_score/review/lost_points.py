@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
@@ -16,7 +16,7 @@ from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["Recoverable", "recoverable_losses"]
+__all__ = ["Recoverable", "recoverable_losses", "without_alone"]
 
 MOST = 120
 """More groups than this are not tried: a page shows the largest dozen."""
@@ -27,8 +27,8 @@ class Recoverable:
     """One thing that went wrong, and what the trial would have scored without it.
 
     Attributes:
-        what: The part, task, order or check it is about.
-        kind: `part`, `task`, `order` or `check`.
+        what: The scope or check it is about.
+        kind: The level of the scope, or `check`.
         findings: Ids of the findings that would have had to be kept.
         gain: By how much the score would have been higher.
     """
@@ -53,23 +53,12 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
     if result.score is None:
         return ()
     rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
+    value = _value(result, rules)
     wrong = {
         key: finding
         for key, finding in result.measured.findings.items()
         if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE) and finding.check in rules.sheet.priced
     }
-
-    def value(findings: Mapping[str, Finding]) -> Number | None:
-        try:
-            return value_of(
-                findings,
-                result.measured.scopes,
-                rules.sheet,
-                rules.policies,
-                cohort=result.cohort,
-            )
-        except FormulaError:
-            return None
 
     found = [
         Recoverable(what, kind, keys, gain)
@@ -83,13 +72,53 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
     return tuple(sorted(best.values(), key=lambda one: (-one.gain, one.what)))
 
 
+def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
+    """The score if one finding had been as it should have been and all else as it was, for each of them.
+
+    These do not add up to what was lost: of two gates that are closed, opening one alone brings nothing.
+
+    Args:
+        result: The result.
+        keys: Ids of findings; those beyond `MOST` are not tried.
+    """
+    if result.score is None or not keys:
+        return {}
+    value = _value(result, rule_set_from_text(result.rules, file="the rules in the result"))
+    return {key: result.score + _gain(result, (key,), value) for key in keys[:MOST]}
+
+
+def _as_it_should(result: Result, key: str) -> Finding:
+    """A finding with nothing that could be said against it: verdict, and what its check calls best."""
+    finding = ideal({key: result.measured.findings[key]})[key]
+    declared = result.measured.measures.get(finding.check, {})
+    best = {
+        name: one.reference
+        for name, one in declared.items()
+        if one.role != "points" and one.reference is not None and name in finding.quantities
+    }
+    return replace(finding, quantities={**finding.quantities, **best}) if best else finding
+
+
+def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], Number | None]:
+    """What findings are worth by the rules of a result; `None` where that has no value."""
+
+    def value(findings: Mapping[str, Finding]) -> Number | None:
+        scopes, policies = result.measured.scopes, rules.policies
+        try:
+            return value_of(findings, scopes, rules.sheet, policies, cohort=result.cohort)
+        except FormulaError:
+            return None
+
+    return value
+
+
 def _gain(
     result: Result, keys: tuple[str, ...], value: Callable[[Mapping[str, Finding]], Number | None]
 ) -> Decimal:
     """How much more the score would be with these findings kept."""
     assert result.score is not None  # called only for scored trials
     findings = result.measured.findings
-    after = value({**findings, **ideal({key: findings[key] for key in keys})})
+    after = value({**findings, **{key: _as_it_should(result, key) for key in keys}})
     return Decimal(0) if after is None else rounded(after, result.digits) - result.score
 
 

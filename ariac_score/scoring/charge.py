@@ -54,8 +54,8 @@ def charge(
         0 where a heavier one, or an equal one of earlier id, covers all of its time.
 
     Source:
-        Monitor catalogue, section 3 (one event, largest class only), and the 5 s of
-        the ARIAC 2025 penalties; the measure is our choice.
+        Monitor catalogue, section 3 (one event, largest class only; its penalties that
+        come again after 5 s); the measure is our choice.
     """
     shares: dict[str, Number] = {}
     subjects: dict[tuple[str, ...], list[_Weighing]] = {}

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
+    "APPLIED",
+    "COMPARISONS",
     "FUNCTIONS",
     "Environment",
     "Expression",
@@ -153,6 +155,10 @@ _SCALAR_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "any": (None, lambda *v: int(any(v))),
     "all": (None, lambda *v: int(all(v))),
 }
+COMPARISONS = _COMPARE
+"""How comparisons are written and decided."""
+APPLIED: Mapping[str, Callable[..., Any]] = {name: apply for name, (_, apply) in _SCALAR_FUNCTIONS.items()}
+"""The functions of numbers."""
 _COLUMN_FUNCTIONS: Mapping[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda *v: np.minimum.reduce(np.broadcast_arrays(*v))),
     "max": (None, lambda *v: np.maximum.reduce(np.broadcast_arrays(*v))),

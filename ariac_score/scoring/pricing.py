@@ -9,13 +9,15 @@ from decimal import Decimal
 from msgspec.structs import replace
 
 from ariac_score.checks.findings import Finding
+from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
 from ariac_score.scoring.cohort import CohortValues, Contribution
-from ariac_score.scoring.expression import Number
+from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.worlds import tree_of
 
 __all__ = ["Contributed", "Priced", "contribute", "price", "value_of"]
 
@@ -90,6 +92,7 @@ def price(
     *,
     digits: int,
     cohort: CohortValues | None = None,
+    measures: Mapping[str, Mapping[str, Measure]] | None = None,
 ) -> Priced:
     """Price findings.
 
@@ -100,13 +103,15 @@ def price(
         policies: What undecided findings count as, by check.
         digits: Decimal digits of score and ledger.
         cohort: Values across teams, where there are any.
+        measures: What checks declare of their quantities, by check and quantity.
 
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
     """
     cohort = cohort or CohortValues()
     assumed = assume(findings, policies, priced=sheet.priced)
-    task = _task(scopes, sheet, assumed, digits)
+    maker = _LedgerMaker(scopes, sheet, assumed, cohort, measures or {}, digits)
+    task = _task(scopes, sheet, assumed, maker)
     # Before any score is refused: a withheld result still says what it could have been.
     possible = _possible(findings, scopes, sheet, cohort, digits)
     if _withheld(assumed, sheet.scored):
@@ -117,7 +122,7 @@ def price(
         return Priced("needs_cohort", None, task, possible, assumed.assumptions, missing.cause)
     except UnknownFactError as missing:
         return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
-    ledger = _zeroed(make_ledger(score, digits=digits), assumed, sheet.scored)
+    ledger = _zeroed(maker.ledger(sheet.score, score, "score"), assumed, sheet.scored)
     return Priced("scored", ledger, task, possible, assumed.assumptions)
 
 
@@ -146,7 +151,24 @@ def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
     return any(assumption.check in used for assumption in assumed.withheld)
 
 
-def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Ledger | None:
+@dataclass(frozen=True)
+class _LedgerMaker:
+    scopes: Scope
+    sheet: ScoreSheet
+    assumed: Assumed
+    cohort: CohortValues
+    measures: Mapping[str, Mapping[str, Measure]]
+    digits: int
+
+    def ledger(self, formula: Expression, value: Traced, root: str) -> Ledger:
+        tree = tree_of(self.sheet, formula, self.scopes, self.assumed.findings, self.cohort, self.measures)
+        undecided = [assumption.finding for assumption in self.assumed.assumptions]
+        return make_ledger(
+            tree, value, self.assumed.findings, digits=self.digits, root=root, undecided=undecided
+        )
+
+
+def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, maker: _LedgerMaker) -> Ledger | None:
     if sheet.task is None or _withheld(assumed, sheet.priced_by_task):
         return None
     try:
@@ -154,7 +176,7 @@ def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, digits: int) -> Le
     except UnknownFactError:
         return None
     assert task is not None  # the sheet has one
-    return _zeroed(make_ledger(task, digits=digits, root="task"), assumed, sheet.priced_by_task)
+    return _zeroed(maker.ledger(sheet.task, task, "task"), assumed, sheet.priced_by_task)
 
 
 def _possible(

@@ -93,7 +93,7 @@ _UNITS: Mapping[str, str] = {"points": POINTS, "count": COUNT, "seconds": "s"}
 _DEFAULT_S = 5.0
 """After how long a violation that goes on costs the same again, unless a formula says otherwise.
 
-Source: ARIAC 2025, penalties; monitor catalogue, section 3.
+Source: monitor catalogue, section 3.
 """
 VIOLATION_FUNCTIONS = frozenset(CHECK_FUNCTIONS) - {"points", "measure"}
 """The functions of violations, rather than of points or measured numbers."""
@@ -774,7 +774,7 @@ class ScopeNames:
             return self.pricing.trial, name, ()
         if prefix == _COHORT or level != self.scope.level or (not prefix and name in sheet.parameters):
             return None
-        known = name in sheet.terms.get(level, {}) and name not in self.scope.facts
+        known = name in sheet.terms.get(level, {}) and name not in sheet.facts_of(level)
         return (self.scope, name, self.outer) if known else None
 
     def findings_of(self, check: str) -> dict[str, Finding]:
@@ -851,7 +851,7 @@ class ScopeNames:
         return add_up(share for _, share in shares), shares
 
 
-# 5 s as the default of all three: ARIAC 2025, penalties; monitor catalogue, section 3.
+# 5 s as the default of all three: monitor catalogue, section 3.
 def _occurrences(findings: Mapping[str, Finding], every_s: Number, label: str) -> list[tuple[str, Number]]:
     if not every_s > 0:
         raise FormulaError(f"{label}: every_s must be positive", hint="give a time in s, such as 5")

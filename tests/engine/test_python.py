@@ -233,7 +233,7 @@ def test_a_result_shows_its_score_its_ledger_and_what_was_violated(scored: Resul
     shown = _Tags(scored._repr_html_())
 
     assert shown.text.startswith("19.761677 of 36 · kitting_near_miss under paper2020: scored")
-    assert "task28" in shown.text
+    assert "earned30" in shown.text
     assert "separation#1robot/human" in shown.text
 
 

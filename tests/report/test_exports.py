@@ -260,7 +260,7 @@ def test_github_annotations_name_check_time_and_message() -> None:
     commands = [read_command(line) for line in exported(near_miss(), "github").splitlines()]
 
     assert commands[0] == ("notice", "kitting_near_miss", "score 19.761677 of 36 possible")
-    assert commands[1][:2] == ("error", "separation violated (separation#1)")
+    assert commands[1][:2] == ("error", "separation violated (separation#1, -8.546224 points)")
     assert commands[1][2].startswith("robot/human, 18.810 s to 21.210 s: too close for 2.40 s")
 
 

@@ -12,11 +12,13 @@ from msgspec.structs import replace
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError, ResultError
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import LARGEST_INTEGER, Expression
 from ariac_score.scoring.ledger import Line, make_ledger, reconcile, rounded
 from ariac_score.scoring.levels import declared_facts
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.worlds import tree_of
 from ariac_score_ariac.competition import Ariac
 
 LAWFUL = settings(max_examples=100, derandomize=True, deadline=None)
@@ -74,15 +76,22 @@ def ledger_of(
         levels=Ariac.levels,
         facts=declared_facts(Ariac.facts),
     )
-    return make_ledger(sheet.evaluate(scope, found), digits=digits)
+    return ledger_by(sheet, scope, found, digits)
+
+
+def ledger_by(sheet: ScoreSheet, scope: Scope, found: dict[str, Finding], digits: int = 6) -> Line:
+    tree = tree_of(sheet, sheet.score, scope, found, CohortValues(), {})
+    return make_ledger(tree, sheet.evaluate(scope, found), found, digits=digits)
 
 
 ONE = scopes(3)
 RIGHT = findings([[S, S, V]], 1.0)  # two right parts, one wrong; one episode of demerit 1.2
 
 
-def told(ledger: Line) -> list[tuple[str, str]]:
-    return [(line.label, str(line.amount)) for line in ledger.children]
+def told(ledger: Line) -> dict[str, str]:
+    """The amounts of a ledger by path below its root, without the zeros at their end."""
+    lines = (line for line in ledger.walk() if line is not ledger)
+    return {line.path.removeprefix("score/"): f"{line.amount.normalize():f}" for line in lines}
 
 
 # Rounding ------------------------------------------------------------------------------
@@ -123,26 +132,30 @@ def test_a_number_too_large_to_be_a_score_is_refused(value: float) -> None:
 
 def test_points_are_told_finding_by_finding() -> None:
     ledger = ledger_of("points(right)", ONE, RIGHT)
+    (earned,) = ledger.children
 
-    assert ledger.amount == 2
-    assert [str(line.amount) for line in ledger.children] == ["1.000000", "1.000000", "0.000000"]
-    assert [line.findings for line in ledger.children] == [("right#0",), ("right#1",), ("right#2",)]
-
-
-def test_a_product_is_its_points_and_then_what_each_factor_did() -> None:
-    # 2 points, times 3 is +4, divided by 4 is -4.5
-    assert told(ledger_of("3 * points(right) / 4", ONE, RIGHT))[-2:] == [
-        ("times 3 = 3", "4.000000"),
-        ("divided by 4 = 4", "-4.500000"),
-    ]
+    assert (ledger.amount, earned.label) == (2, "earned")
+    assert [str(line.amount) for line in earned.children] == ["1.000000", "1.000000", "0.000000"]
+    assert [line.findings for line in earned.children] == [("right#0",), ("right#1",), ("right#2",)]
+    assert [line.reason for line in earned.children] == ["", "", "it earned nothing"]
 
 
-def test_a_closed_gate_takes_everything_away() -> None:
+def test_a_factor_that_is_given_shows_in_the_amounts() -> None:
+    # 3 / 4 for each of two right parts
+    assert told(ledger_of("3 * points(right) / 4", ONE, RIGHT)) == {
+        "earned": "1.5",
+        "earned/part_0": "0.75",
+        "earned/part_1": "0.75",
+        "earned/part_2": "0",
+    }
+
+
+def test_a_closed_gate_takes_what_was_earned_and_names_its_finding() -> None:
     ledger = ledger_of("holds(near) * points(right)", ONE, RIGHT)
+    (line,) = ledger.children[1].children
 
     assert ledger.amount == 0
-    assert told(ledger)[-1] == ("times holds(near) = 0", "-2.000000")
-    assert ledger.children[-1].findings == ("near#0",)
+    assert (line.kind, str(line.amount), line.findings) == ("taken", "-2.000000", ("near#0",))
 
 
 def test_demerits_divide_what_was_earned() -> None:
@@ -150,22 +163,30 @@ def test_demerits_divide_what_was_earned() -> None:
     ledger = ledger_of("points(right) / (1 + k * demerits(near, tau_s=5))", ONE, RIGHT)
 
     assert str(ledger.amount) == "1.351351"
-    assert told(ledger)[-1][1] == "-0.648649"
+    assert told(ledger)["taken/near#0"] == "-0.648649"
 
 
-def test_a_mean_is_the_sum_and_what_dividing_took() -> None:
+def test_a_mean_shares_each_order_by_its_number() -> None:
     ledger = ledger_of("mean(order.x)", scopes(2, 1), findings([[S, S], [S]]), order={"x": "points(right)"})
 
-    assert [(line.label, str(line.amount)) for line in ledger.children][-1] == ("mean of 2", "-1.500000")
+    assert [told(ledger)[f"earned/order_{k}"] for k in (0, 1)] == ["1", "0.5"]
     assert ledger.amount == Decimal("1.5")
 
 
-def test_a_deduction_is_a_line_of_its_own_and_a_score_may_be_negative() -> None:
-    ledger = ledger_of("points(right) - 5 * count(near)", ONE, RIGHT)
+def test_every_subtrahend_is_a_line_and_a_score_may_be_negative() -> None:
+    ledger = ledger_of("1 - 5 * count(near) - 2 * violated(right)", ONE, RIGHT)
 
-    assert ledger.amount == -3
-    assert told(ledger)[-1] == ("less 5 * count(near)", "-5.000000")
-    reconcile(ledger, Decimal(-3), digits=6)
+    assert ledger.amount == -6
+    assert told(ledger)["taken/near#0"] == "-5"
+    assert told(ledger)["taken/right#2"] == "-2"
+    reconcile(ledger, Decimal(-6), digits=6)
+
+
+def test_what_was_kept_changed_nothing_and_says_so() -> None:
+    ledger = ledger_of("points(right) if holds(near) else 0", ONE, findings([[S, S, V]]))
+    (line,) = ledger.children[-1].children
+
+    assert (line.kind, line.reason, line.findings) == ("neutral", "kept", ("near#kept",))
 
 
 @pytest.mark.parametrize(
@@ -211,37 +232,48 @@ def measured(units: dict[str, str]) -> dict[str, Finding]:
 
 
 @pytest.mark.parametrize(
-    ("quantity", "unit", "kinds"),
+    ("quantity", "unit", "by_finding"),
     [
-        ("bonus_n", "points", ["sum", "factor"]),
-        ("bonus_n", "count", ["sum", "factor"]),
-        ("bonus_n", "N", []),
-        ("accel_m_s2", "m/s2", []),
-        ("extra", "1", []),
-        ("extra", "dollars", []),
+        ("bonus_n", "points", True),
+        ("bonus_n", "count", True),
+        ("bonus_n", "N", False),
+        ("accel_m_s2", "m/s2", False),
+        ("extra", "1", False),
+        ("extra", "dollars", False),
     ],
 )
 def test_what_is_points_is_declared_and_never_guessed_from_a_name(
-    quantity: str, unit: str, kinds: list[str]
+    quantity: str, unit: str, by_finding: bool
 ) -> None:
-    ledger = ledger_of(f"2 * measure(near, {quantity})", scopes(), measured({quantity: unit}))
+    # Points begin at 0 where nothing was done; of other numbers nobody says where they begin.
+    tree = tree_of(
+        ScoreSheet({}, Expression.parse(f"2 * measure(near, {quantity})"), frozenset({"near"})),
+        Expression.parse(f"2 * measure(near, {quantity})"),
+        scopes(),
+        measured({quantity: unit}),
+        CohortValues(),
+        {},
+    )
 
-    assert [line.kind for line in ledger.children] == kinds
+    assert tree.exact[0] == (0 if by_finding else tree.exact[2])
 
 
 def test_a_quantity_without_a_declared_unit_is_no_points() -> None:
     ledger = ledger_of("2 * measure(near, extra)", scopes(), measured({}))
+    (line,) = ledger.children[0].children
 
-    assert (ledger.kind, ledger.amount) == ("amount", Decimal("12.000000"))
+    assert (line.amount, ledger.amount) == (Decimal("12.000000"), Decimal("12.000000"))
 
 
 @pytest.mark.parametrize("check", ["held_s", "far_m", "big_factor"])
 def test_points_of_a_check_are_points_whatever_its_name_ends_in(check: str) -> None:
     found = {f"{check}#1": Finding("r/h", S, "kept", check=check)}
-    sheet = ScoreSheet({}, Expression.parse(f"3 * points({check})"), frozenset({check}))
-    ledger = make_ledger(sheet.evaluate(scopes(), found), digits=6)
+    ledger = ledger_by(
+        ScoreSheet({}, Expression.parse(f"3 * points({check})"), frozenset({check})), scopes(), found
+    )
+    (line,) = ledger.children[0].children
 
-    assert [(line.kind, line.amount) for line in ledger.children] == [("sum", 1), ("factor", 2)]
+    assert (line.findings, line.amount) == ((f"{check}#1",), 3)
 
 
 def test_a_unit_belongs_to_a_quantity_of_its_finding() -> None:
@@ -252,16 +284,16 @@ def test_a_unit_belongs_to_a_quantity_of_its_finding() -> None:
 def test_scores_without_findings_or_orders_have_a_ledger() -> None:
     ledger = ledger_of("sum(order.x)", scopes(), {}, order={"x": "points(right)"})
 
-    assert (ledger.amount, ledger.children) == (Decimal(0), ())
+    assert (ledger.amount, [line.label for line in ledger.children]) == (Decimal(0), ["earned"])
     reconcile(ledger, Decimal(0), digits=6)
 
 
 def test_what_rounding_moves_is_a_line_of_its_own() -> None:
     # Three thirds: 0.33 each, 1.00 in all; the missing cent is told.
-    ledger = ledger_of("sum(part.x)", ONE, RIGHT, digits=2, part={"x": "1 / 3"})
+    (earned,) = ledger_of("sum(part.x)", ONE, RIGHT, digits=2, part={"x": "1 / 3"}).children
 
-    assert [str(line.amount) for line in ledger.children] == ["0.33", "0.33", "0.33", "0.01"]
-    assert ledger.children[-1].kind == "rounding"
+    assert [str(line.amount) for line in earned.children] == ["0.33", "0.33", "0.33", "0.01"]
+    assert earned.children[-1].kind == "rounding"
 
 
 def test_paths_are_unique() -> None:
@@ -456,6 +488,6 @@ def test_a_rounding_line_can_move_no_more_than_rounding_can(moved: str, allowed:
 
 def test_a_line_taken_out_or_added_is_refused() -> None:
     with pytest.raises(ResultError, match="its lines add up to"):
-        reconcile(replace(LEDGER, children=LEDGER.children[:-1]), LEDGER.amount, digits=6)
+        reconcile(replace(LEDGER, children=LEDGER.children[1:]), LEDGER.amount, digits=6)
     with pytest.raises(ResultError, match="its lines add up to"):
-        reconcile(replace(LEDGER, children=(*LEDGER.children, LEDGER.children[-1])), LEDGER.amount, digits=6)
+        reconcile(replace(LEDGER, children=(*LEDGER.children, LEDGER.children[0])), LEDGER.amount, digits=6)

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
+from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.terminal.style import plain
 
-__all__ = ["checks", "cut", "final_findings", "headline", "name", "remarks", "unrecorded", "when", "why_none"]
+__all__ = [
+    "checks",
+    "cost",
+    "cut",
+    "final_findings",
+    "headline",
+    "name",
+    "remarks",
+    "told",
+    "unrecorded",
+    "when",
+    "why_none",
+]
 
 LONGEST = 2000
 """Most characters of an untrusted text; a program that reads the export may refuse more."""
@@ -78,6 +92,29 @@ def when(finding: Finding) -> str:
     if finding.span is None:
         return ""
     return f"{finding.span.start_s:.3f} s to {finding.span.end_s:.3f} s"
+
+
+def cost(key: str, result: Result) -> Decimal | None:
+    """What a finding took from the automatic score, negative; `None` where the ledger has no line of it."""
+    line = taken_by(result.ledger).get(key)
+    return None if line is None else line.amount
+
+
+def told(result: Result) -> list[Line]:
+    """The lines of the ledger that a table shows: what was earned, and each that took something."""
+    ledger = result.ledger or result.task
+    if ledger is None:
+        return []
+    lines: list[Line] = []
+    for line in ledger.children or (ledger,):
+        opened = line.children if line.path.endswith(("/earned", "/taken")) else (line,)
+        lines += opened or (line,)
+    silent = ("factor", "neutral", "cap")
+    return [
+        line
+        for line in lines
+        if (line.amount or line.kind not in silent) and not line.path.endswith("/neutral")
+    ]
 
 
 def unrecorded(result: Result) -> list[str]:

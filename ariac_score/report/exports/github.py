@@ -9,7 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ariac_score.checks.findings import Verdict
-from ariac_score.report.exports.facts import cut, final_findings, headline, name, remarks, unrecorded, when
+from ariac_score.report.exports.facts import (
+    cost,
+    cut,
+    final_findings,
+    headline,
+    name,
+    remarks,
+    unrecorded,
+    when,
+)
+from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
 
 __all__ = ["github_text"]
@@ -35,8 +45,10 @@ def _findings(result: Result, verdict: Verdict, command: str) -> Iterator[str]:
     shown = found if len(found) <= SHOWN - 2 else found[: SHOWN - 3]
     for key, finding in shown:
         time = f", {when(finding)}" if finding.span else ""
+        took = cost(key, result)
+        points = f", {amount_text(took, sign=True)} points" if took else ""
         message = f"{cut(finding.subject, 200)}{time}: {cut(finding.message)}"
-        yield _command(command, f"{finding.check} {verdict.value} ({key})", message)
+        yield _command(command, f"{finding.check} {verdict.value} ({key}{points})", message)
     if len(found) > len(shown):
         yield _command(command, name(result), f"{len(found) - len(shown)} more are {verdict.value}")
 

@@ -9,9 +9,20 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from ariac_score.checks.findings import Verdict
-from ariac_score.report.exports.facts import checks, cut, final_findings, headline, remarks, unrecorded, when
+from ariac_score.report.exports.facts import (
+    checks,
+    cost,
+    cut,
+    final_findings,
+    headline,
+    remarks,
+    told,
+    unrecorded,
+    when,
+)
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
+from ariac_score.scoring.ledger import Line
 
 __all__ = ["markdown_text"]
 
@@ -72,14 +83,22 @@ def _ledger(result: Result) -> Iterator[str]:
         return
     yield "### Why" if result.ledger else "### Why the task score"
     yield ""
-    lines = [line for line in ledger.children or (ledger,) if line.amount or line.kind != "factor"]
     yield from _table(
         ("", "points"),
         (
-            *((escaped(line.label), amount_text(line.amount, sign=line.kind == "factor")) for line in lines),
+            *(
+                (_name(line), amount_text(line.amount, sign=line.kind in ("factor", "taken")))
+                for line in told(result)
+            ),
             ("automatic score" if result.adjusted else "score", f"**{amount_text(ledger.amount)}**"),
         ),
     )
+
+
+def _name(line: Line) -> str:
+    key = f"{escaped(line.findings[0])}: " if line.kind == "taken" and len(line.findings) == 1 else ""
+    own = line.subject.rpartition("/")[2]
+    return key + escaped(own if own and line.path.endswith(f"/{own}") and not key else line.label)
 
 
 def _found(result: Result, verdict: Verdict, title: str) -> Iterator[str]:
@@ -94,12 +113,13 @@ def _found(result: Result, verdict: Verdict, title: str) -> Iterator[str]:
             escaped(finding.subject),
             when(finding),
             "" if finding.robustness is None else f"{finding.robustness:.6g} {escaped(finding.unit)}",
+            "" if (took := cost(key, result)) is None else amount_text(took, sign=True),
             escaped(finding.message),
             escaped(finding.clause),
         )
         for key, finding in found[:_MOST]
     )
-    yield from _table(("finding", "about", "when", "margin", "what", "clause"), rows)
+    yield from _table(("finding", "about", "when", "margin", "points", "what", "clause"), rows)
     if len(found) > _MOST:
         yield ""
         yield f"… and {len(found) - _MOST} more"

@@ -14,6 +14,7 @@ from urllib.parse import quote
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.exports.facts import (
     checks,
+    cost,
     cut,
     final_findings,
     headline,
@@ -97,7 +98,7 @@ def _properties(result: Result) -> dict[str, Any]:
 
 
 def _result(key: str, finding: Finding, names: list[str], result: Result) -> dict[str, Any]:
-    violated = finding.verdict is Verdict.VIOLATED
+    violated, took = finding.verdict is Verdict.VIOLATED, cost(key, result)
     time = f" ({when(finding)})" if finding.span else ""
     location: dict[str, Any] = {"logicalLocations": [{"fullyQualifiedName": cut(finding.subject, 200)}]}
     if result.provenance.inputs:
@@ -115,7 +116,7 @@ def _result(key: str, finding: Finding, names: list[str], result: Result) -> dic
         "message": {"text": f"{cut(finding.subject, 200)}{time}: {cut(finding.message)}"},
         "locations": [location],
         "partialFingerprints": {"ariacScoreFinding/v1": _fingerprint(key, finding, result)},
-        "properties": _measures(key, finding),
+        "properties": {**_measures(key, finding), **({} if took is None else {"points": float(took)})},
     }
 
 

@@ -104,6 +104,9 @@ def _records(result: Result) -> Iterator[dict[str, Any]]:
                 "path": line.path,
                 "label": line.label,
                 "amount": float(line.amount),
+                "kind": line.kind,
+                "nominal": float(line.amount if line.nominal is None else line.nominal),
+                "reason": line.reason,
                 "findings": list(line.findings),
             }
     shared = set(_head(result))

@@ -15,6 +15,8 @@ __all__ = ["Step", "Waterfall", "waterfall_of"]
 MOST_STEPS = 24
 """The ledger is opened level by level until it would have more steps than this."""
 
+_SILENT = ("factor", "rounding", "cap", "neutral")
+"""Lines that no bar shows where their amount is 0."""
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
 
 
@@ -31,6 +33,7 @@ class Step:
         left: Where its bar begins, percent of the width.
         width: How long its bar is, percent of the width.
         findings: Ids of the findings it rests on, the worst first.
+        order: The order it belongs to; empty for the trial.
     """
 
     label: str
@@ -41,11 +44,7 @@ class Step:
     left: float
     width: float
     findings: tuple[str, ...]
-
-    @property
-    def order(self) -> str:
-        """The order it belongs to; empty for the trial."""
-        return self.where.partition("/")[0] or (self.label if self.path.endswith(f"/{self.label}") else "")
+    order: str = ""
 
     @property
     def after(self) -> Decimal:
@@ -98,6 +97,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 100 * float(start - low) / room,
                 100 * abs(float(line.amount)) / room,
                 _worst_first(line, findings),
+                (line.subject or _where(line)).partition("/")[0],
             )
         )
     start = min(Decimal(0), ledger.amount)  # a negative score is a bar to the left of zero
@@ -130,8 +130,14 @@ def _opened(ledger: Ledger) -> list[Line]:
 def _telling(line: Line) -> Sequence[Line]:
     """The parts of a line, without factors that change nothing; the line itself where these are findings."""
     # Single findings are links behind a step: as steps of their own they would hide what they add up to.
-    parts = [child for child in line.children if child.amount or child.kind not in ("factor", "rounding")]
-    if not parts or all(child.findings and not child.children for child in parts):
+    # What violations took is the exception, for there each of them is the step.
+    parts = [child for child in line.children if child.amount or child.kind not in _SILENT]
+    if line.path.endswith("/neutral"):
+        return []
+    if not parts or (
+        (line.kind != "sum" or not line.path.endswith("/taken"))
+        and all(child.findings and not child.children for child in parts)
+    ):
         return [line]
     return parts
 

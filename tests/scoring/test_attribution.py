@@ -1,0 +1,533 @@
+"""How a score is shared among findings: cases worked by hand, and trees against another program.
+
+Each case is one formula with findings and the amounts that follow from it by hand: linear ones at sight,
+hyperbolas in proportion to demerits, products by the logarithmic mean (Ang 2004), minima by where two
+straight lines cross. Where `../shared/methods` is present its cases are compared too, which scripts of
+their own computed in fractions and decimals.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import random
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from ariac_score.checks.findings import Finding
+from ariac_score.checks.measures import Measure, Role
+from ariac_score.scoring.attribution import (
+    Changed,
+    Choice,
+    Extreme,
+    Function,
+    Given,
+    Leaf,
+    Named,
+    Node,
+    Product,
+    Sum,
+    exactly,
+    flow,
+    truth,
+)
+from ariac_score.scoring.cohort import CohortTerm, CohortValues
+from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.worlds import EARNED, TAKEN
+
+from .attributed import Case, N, S, U, V, amounts, found, order, times, told
+
+METHODS = Path(__file__).parents[3] / "shared/methods"
+
+
+def best(value: float | None = None, role: Role = "measure") -> dict[str, Measure]:
+    return {"q": Measure("1", role, value)}
+
+
+def measured(**values: float) -> list[tuple[str, Finding]]:
+    return [found(name, S, q=value) for name, value in values.items()]
+
+
+CLIPPED = "5 / clip(measure(time, q), 10, 40)"
+TIME = {"time": best(0.0)}
+GATED = "12 * gate(g) / (1 + 0.4 * count(near) + 0.7 * count(limit))"
+NEAR = [*times("near", 2), *times("limit", 1)]
+_WEIGHTS = {"progress": 5, "ttc": 5, "speed": 4, "comfort": 2}
+SOFT = f"({' + '.join(f'{by} * measure({name}, q)' for name, by in _WEIGHTS.items())}) / 16"
+_SOFT = {"progress": 0.8, "ttc": 0.0, "speed": 0.9, "comfort": 1.0}
+
+CASES: dict[str, tuple[Case, float, dict[str, float]]] = {
+    "A1": (Case("10 - 2 * count(x)", times("x", 3)), 4, {"x#0": -2, "x#1": -2, "x#2": -2}),
+    "A2": (Case("max(0, 10 - 2 * count(x))", times("x", 7)), 0, {f"x#{i}": -10 / 7 for i in range(7)}),
+    "A3b": (
+        Case(
+            "min(80, 30 * points(place) + 15 * points(precise) - 10 * count(bump))",
+            [*times("place", 3, S), *times("precise", 1, S), *times("bump", 1)],
+        ),
+        80,
+        {"bump#0": 0},
+    ),
+    "A4": (
+        Case("100 * product(ped, p=0.5) * product(red, p=0.7)", [*times("ped", 1), *times("red", 2)]),
+        24.5,
+        # 75.5 in proportion to ln 0.5 and 2 ln 0.7
+        {
+            "ped#0": -75.5 * math.log(0.5) / math.log(0.245),
+            "red#0": -75.5 * math.log(0.7) / math.log(0.245),
+            "red#1": -75.5 * math.log(0.7) / math.log(0.245),
+        },
+    ),
+    "A5": (
+        Case("100 * product(red, p=0.7) * product(stop, p=0.8)", [*times("red", 1), *times("stop", 1)]),
+        56,
+        {"red#0": -27.066569386, "stop#0": -16.933430614},
+    ),
+    "A6": (
+        Case(
+            "100 * (1 - measure(out, q)) * product(red, p=0.7)",
+            [*measured(out=1.0), *times("red", 1)],
+            measures={"out": best(0.0)},
+        ),
+        0,
+        {"red#0": -30, "out#0": -70},
+    ),
+    "A7": (
+        Case("100 / (1 + count(ped) + 0.7 * count(veh))", [*times("ped", 1), *times("veh", 2)]),
+        100 / 3.4,
+        {"ped#0": -240 / 3.4 / 2.4, "veh#0": -168 / 3.4 / 2.4, "veh#1": -168 / 3.4 / 2.4},
+    ),
+    "A9": (Case(CLIPPED, measured(time=25.0), measures=TIME), 0.2, {"time#0": -0.3}),
+    "A10": (Case(CLIPPED, measured(time=60.0), measures=TIME), 0.125, {"time#0": -0.375}),
+    "A11": (
+        Case(f"holds(bump) * {CLIPPED}", [*measured(time=25.0), *times("bump", 1)], measures=TIME),
+        0,
+        {"time#0": -0.3, "bump#0": -0.2},
+    ),
+    "A12": (
+        Case(
+            f"(0.5 if violated(lane) else 1) * {SOFT}",
+            [*measured(**_SOFT), *times("lane", 1)],
+            measures={name: best(role="factor") for name in _SOFT},
+        ),
+        0.3,
+        {"progress#0": -0.0625, "ttc#0": -0.3125, "speed#0": -0.025, "lane#0": -0.3},
+    ),
+    "A13": (
+        Case("0.6 * holds(a) * gate(b)", [*times("a", 1), *times("b", 1)]),
+        0,
+        {"a#0": -0.3, "b#0": -0.3},
+    ),
+    "A14": (
+        Case(GATED, [*times("g", 1), *NEAR]),
+        0,
+        {"near#0": -1.92, "near#1": -1.92, "limit#0": -3.36, "g#0": -4.8},
+    ),
+    "A15": (
+        Case(GATED, [*times("g", 1, S), *NEAR]),
+        4.8,
+        {"near#0": -1.92, "near#1": -1.92, "limit#0": -3.36},
+    ),
+    "A16": (
+        Case(f"holds(h) * {GATED}", [*times("g", 1), *times("h", 2), *NEAR]),
+        0,
+        {"near#0": -1.92, "near#1": -1.92, "limit#0": -3.36, "g#0": -2.4, "h#0": -1.2, "h#1": -1.2},
+    ),
+    "A17": (
+        Case(
+            "measure(e, q) * (2 - measure(m, q))",
+            measured(e=-3.0, m=0.4),
+            measures={"e": best(role="points"), "m": best(role="factor")},
+        ),
+        -4.8,
+        {"m#0": -1.8},
+    ),
+    "A18": (
+        Case(
+            "min(measure(a, q), measure(b, q))",
+            measured(a=2.0, b=5.0),
+            measures={"a": best(10.0), "b": best(6.0)},
+        ),
+        2,
+        {"a#0": -24 / 7, "b#0": -4 / 7},
+    ),
+    "A19": (
+        Case(
+            "min(measure(a, q), measure(b, q))",
+            measured(a=4.0, b=4.0),
+            measures={"a": best(10.0), "b": best(10.0)},
+        ),
+        4,
+        {"a#0": -3, "b#0": -3},
+    ),
+    "A20": (
+        Case("12 - 1.5 * count(x) + (6 if holds(x) else 0)", times("x", 2)),
+        9,
+        {"x#0": -4.5, "x#1": -4.5},
+    ),
+    "A21": (
+        Case(
+            "measure(x, q) if holds(c) else measure(y, q)",
+            [*measured(x=8.0, y=3.0), *times("c", 1)],
+            measures={"x": best(10.0), "y": best(4.0)},
+        ),
+        3,
+        {"c#0": -6, "y#0": -1, "x#0": 0},
+    ),
+    "A22": (Case("20 * 0.9 ** count(x)", times("x", 3)), 14.58, {f"x#{i}": -5.42 / 3 for i in range(3)}),
+    "A23": (
+        Case(
+            "mean(measure(a, q), measure(b, q), measure(c, q), measure(d, q))",
+            measured(a=9.0, b=6.0, c=0.0, d=9.0),
+            measures=dict.fromkeys("abcd", best(9.0)),
+        ),
+        6,
+        {"b#0": -0.75, "c#0": -2.25},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_worked_case_has_the_amounts_that_follow_by_hand(name: str) -> None:
+    case, score, wanted = CASES[name]
+
+    assert case.score == pytest.approx(score, abs=1e-12)
+    assert {key: float(amount) for key, amount in case.taken.items()} == pytest.approx(wanted, abs=1e-9)
+
+
+def _given(name: str) -> dict[str, Any]:
+    if not METHODS.is_dir():
+        pytest.skip("the worked cases are not here: ../shared/methods")
+    cases = json.loads((METHODS / "cases.json").read_text(encoding="utf-8"))["attribution"]
+    found: dict[str, Any] = next(case["expect"] for case in cases if case["id"] == name)
+    return found
+
+
+def _flat(value: Any) -> dict[str, float]:
+    return {k: v for k, v in value.items() if isinstance(v, int | float)}
+
+
+@pytest.mark.parametrize(
+    ("name", "of", "keys"),
+    [
+        ("A4", "lmdi", {"pedestrian": "ped#0", "red_1": "red#0", "red_2": "red#1"}),
+        ("A5", "lmdi", {"red": "red#0", "stop": "stop#0"}),
+        ("A6", "recommended_graded_first", {"red": "red#0", "outside_lanes": "out#0"}),
+        ("A7", "aumann_shapley", {"pedestrian": "ped#0", "vehicle_1": "veh#0", "vehicle_2": "veh#1"}),
+        ("A9", "", {"time": "time#0"}),
+        ("A10", "", {}),
+        ("A11", "recommended", {"time": "time#0", "success_gate": "bump#0"}),
+        ("A12", "soft", {"progress": "progress#0", "ttc": "ttc#0", "speed": "speed#0"}),
+        ("A13", "", {"each_gate": "a#0"}),
+        ("A14", "graded", {"near_1": "near#0", "near_2": "near#1", "limit": "limit#0"}),
+        ("A15", "graded", {"near_1": "near#0", "near_2": "near#1", "limit": "limit#0"}),
+        ("A16", "", {"finding_A1": "g#0", "finding_B1": "h#0", "finding_B2": "h#1"}),
+        ("A17", "", {"demerits": "m#0"}),
+        ("A18", "", {"a": "a#0", "b": "b#0"}),
+        ("A19", "", {"a": "a#0", "b": "b#0"}),
+        ("A20", "", {"each_of_the_two": "x#0"}),
+        ("A21", "recommended", {"switch": "c#0", "y": "y#0", "x": "x#0"}),
+        ("A22", "", {"each": "x#2"}),
+        ("A23", "", {"order_2": "b#0", "order_3": "c#0"}),
+        ("A1", "", {"each": "x#1"}),
+        ("A2", "", {"effective_each": "x#6"}),
+    ],
+)
+def test_the_collected_cases_say_the_same(name: str, of: str, keys: dict[str, str]) -> None:
+    expect, (case, _, _) = _given(name), CASES[name]
+    wanted = _flat(expect[of] if of else expect)
+    taken = case.taken
+
+    assert case.score == pytest.approx(expect["score"], abs=1e-8)
+    for theirs, ours in keys.items():
+        assert float(taken[ours]) == pytest.approx(wanted[theirs], abs=1e-8)
+
+
+def test_a_floor_is_a_line_of_its_own_by_the_rule_and_amounts_are_in_effect() -> None:
+    lines = {line.path: line for line in CASES["A2"][0].ledger.walk()}
+    (floor,) = [line for line in lines.values() if line.kind == "cap"]
+
+    # 7 times -2 is -14, and the floor gives 4 back; in effect 10 of 14 count: -10/7 each.
+    assert (floor.amount, floor.nominal) == (0, 4)
+    each = lines["score/taken/x/x#6"]
+    assert (str(each.amount), each.nominal) == ("-1.428571", -2)
+
+
+def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
+    # 105 were earned and 95 are left, both above 80: the cap takes 15, and the deduction shows nowhere.
+    lines = {line.label: line for line in CASES["A3b"][0].ledger.walk()}
+    (cap,) = [line for line in lines.values() if line.kind == "cap"]
+
+    assert (lines["earned"].amount, cap.nominal) == (80, -15)
+    (hidden,) = [line for line in lines.values() if line.findings == ("bump#0",)]
+    assert (hidden.amount, hidden.nominal, hidden.reason.split(":")[0]) == (
+        0,
+        -10,
+        "hidden by min(80, 30 * points(place) + 15 * points(precise) - 10 * count(bump))",
+    )
+    # In one block from nothing to 95 all would be scaled alike; 80/95 of 30 each (A3).
+    earned = CASES["A3b"][0].earned
+    assert [float(earned[f"place#{i}"]) for i in range(3)] == pytest.approx([30 * 80 / 105] * 3)
+
+
+def test_an_episode_told_in_two_pieces_leaves_what_others_pay() -> None:
+    whole = [found("a", V, q=0.4), found("b", V, q=0.6)]
+    pieces = [found("a", V, 0, q=0.2), found("a", V, 1, q=0.2), found("b", V, q=0.6)]
+    measures = {"a": best(role="penalty"), "b": best(role="penalty")}
+    formula = "100 / (1 + measure(a, q) + measure(b, q))"
+    one, two = (Case(formula, f, measures=measures).taken for f in (whole, pieces))
+
+    # A8: 50 points lost, 4 to 6
+    assert (one["a#0"], one["b#0"]) == (-20, -30)
+    assert (two["a#0"], two["a#1"], two["b#0"]) == (-10, -10, -30)
+
+
+def test_three_equals_keep_equal_amounts_and_a_line_says_what_rounding_moved() -> None:
+    case = Case("-10 * violated(x)", times("x", 3), digits=2)
+    (group,) = [line for line in case.ledger.walk() if line.path == "score/taken"]
+
+    assert [str(line.amount) for line in group.children[0].children] == ["-3.33", "-3.33", "-3.33", "-0.01"]
+
+
+def test_a_thousand_factors_are_no_burden_and_add_up() -> None:
+    # A26: factors 0.990, 0.991, … 0.999 in turn
+    factors = [Fraction(990 + i % 10, 1000) for i in range(1000)]
+    leaves = [
+        Leaf(f"f{i}", (1.0, float(p)), [Changed(f"f{i}", (p - 1,))], exact=(1, p))
+        for i, p in enumerate(factors)
+    ]
+    product = Product("all", [(Given("100", 100, 2), 1), *((leaf, 1) for leaf in leaves)], (100.0, 0.4))
+    found = amounts(product, 0)
+
+    assert float(product.exact[1]) == pytest.approx(0.400845, abs=1e-6)
+    assert float(min(found.values())) == pytest.approx(-0.181362786, abs=1e-8)
+    assert abs(sum(found.values()) - (product.exact[1] - 100)) < Fraction(1, 10**40)
+
+
+# Against another program ---------------------------------------------------------------
+
+
+def _oracle() -> ModuleType:
+    file = METHODS / "s5_tree.py"
+    if not file.is_file():
+        pytest.skip("the other program is not here: ../shared/methods/s5_tree.py")
+    spec = importlib.util.spec_from_file_location("s5_tree", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _node(tree: Any, oracle: ModuleType) -> Node:
+    kind = tree[0]
+    numbers = [oracle.ev(tree, world) for world in (0, 1)]
+    if kind == "leaf":
+        return Leaf(tree[1], numbers, [Changed(tree[1], (exactly(tree[3]) - exactly(tree[2]),))])
+    if kind == "if":
+        condition, first, second = (_node(each, oracle) for each in tree[1:])
+        return Choice("if", truth(condition), first, second)
+    inner = [_node(each, oracle) for each in tree[1]]
+    if kind == "sum":
+        return Sum("sum", [(exactly(by), each) for by, each in zip(tree[2], inner, strict=True)], numbers)
+    if kind == "prod":
+        return Product("product", list(zip(inner, tree[2], strict=True)), numbers)
+    return Extreme(kind, inner, numbers, 1 if kind == "min" else -1)
+
+
+def _tree(rng: random.Random, depth: int, parent: str = "") -> Any:
+    """A random tree without nested kinds, which are one here, and without changes of sign."""
+    kind = rng.choice(["sum", "prod", "min", "max", "if", "leaf"]) if depth else "leaf"
+    if kind in ("leaf", parent):
+        before = rng.choice([1.0, 2.0, 0.5])
+        after = rng.choice([before, 0.0, 0.25, 0.5, 1.5, 3.0])
+        return ("leaf", f"f{rng.randrange(10**12)}", before, after)
+    if kind == "if":
+        gate = ("leaf", f"g{rng.randrange(10**12)}", 1.0, rng.choice([0.0, 1.0]))
+        return ("if", gate, _tree(rng, depth - 1), _tree(rng, depth - 1))
+    inner = [_tree(rng, depth - 1, kind) for _ in range(rng.randint(2, 4))]
+    by = [rng.choice([1, 0.5, 2]) if kind == "sum" else 1 for _ in inner]
+    return (kind, inner) if kind in ("min", "max") else (kind, inner, by)
+
+
+def test_random_trees_are_shared_as_another_program_shares_them() -> None:
+    oracle, rng = _oracle(), random.Random(18)  # noqa: S311
+    for _ in range(400):
+        tree = _tree(rng, 3)
+        node = _node(tree, oracle)
+        ours, theirs = amounts(node, 0), oracle.flow(tree)
+        assert {k: float(ours.get(k, 0)) for k in theirs} == pytest.approx(theirs, abs=1e-9), tree
+        assert abs(sum(ours.values()) - node.change(0)) < Fraction(1, 10**40)
+
+
+# Single pieces -------------------------------------------------------------------------
+
+
+def _leaf(name: str, before: float, after: float) -> Leaf:
+    return Leaf(name, (before, after), [Changed(name, (exactly(after) - exactly(before),))])
+
+
+def test_a_factor_that_changes_its_sign_shares_over_all_orders() -> None:
+    # x: 2 to -1, y: 3 to 5: the mean of -3 * 3 and -3 * 5, and of 2 * 2 and -1 * 2
+    product = Product("x * y", [(_leaf("x", 2, -1), 1), (_leaf("y", 3, 5), 1)], (6, -5))
+
+    assert amounts(product, 0) == {"x": -12, "y": 1}
+
+
+def test_what_cancels_inside_a_factor_is_told_with_both_signs() -> None:
+    inner = Sum("a + b", [(1, _leaf("a", 1, 2)), (1, _leaf("b", 1, 0))], (2, 2))
+    product = Product("5 * (a + b)", [(Given("5", 5, 2), 1), (inner, 1)], (10, 10))
+
+    assert amounts(product, 0) == {"a": 5, "b": -5}
+
+
+def test_a_product_is_the_same_in_whatever_brackets_and_under_whatever_names() -> None:
+    def shared(nest: bool) -> dict[str, Any]:
+        a, b, c, gate = _leaf("a", 1, 0.5), _leaf("b", 1, 0.7), _leaf("c", 4, 2), _leaf("gate", 1, 0)
+        if not nest:
+            return amounts(Product("", [(a, 1), (b, 1), (c, -1), (gate, 1)], (0.25, 0)), 0)
+        inner = Named("term", Product("", [(gate, 1), (Product("", [(c, 1)], (4, 2)), -1)], (0.25, 0)))
+        return amounts(Product("", [(Product("", [(inner, 1), (b, 1)], (0, 0)), 1), (a, 1)], (0.25, 0)), 0)
+
+    assert shared(True) == shared(False)
+
+
+def test_a_function_of_several_that_change_is_shared_over_all_orders() -> None:
+    # x ** y from 2 ** 1 to 3 ** 2: x first 1 then 6 with y; y first 2 then 5
+    function = Function("x ** y", (_leaf("x", 2, 3), _leaf("y", 1, 2)), (2, 9), lambda x, y: x**y)
+
+    assert amounts(function, 0) == {"x": 3, "y": 4}
+
+
+def test_a_step_function_charges_what_made_it_jump() -> None:
+    function = Function("ramp(x)", (_leaf("x", 10, 31),), (1.0, 0.0), lambda x: float(x < 30))
+
+    assert amounts(function, 0) == {"x": -1}
+
+
+def test_shared_terms_cost_no_more_than_once() -> None:
+    node: Node = _leaf("x", 1, 2)
+    for i in range(200):  # as a tree it would have 2 ** 200 leaves
+        node = Named(f"t{i}", Sum("", [(Fraction(1, 2), node), (Fraction(1, 2), node)], node.numbers))
+
+    assert amounts(node, 0) == {"x": 1}
+    assert len(flow(node, 0).slopes) < 1000
+
+
+# What a ledger says --------------------------------------------------------------------
+
+
+def test_a_ledger_shows_every_subtrahend() -> None:
+    case = Case("100 - 2 * count(x) - 3 * count(y)", [*times("x", 2), *times("y", 1)])
+
+    assert told(case.ledger) == {
+        "score": "93",
+        "score/earned": "100",
+        "score/earned/100": "100",
+        "score/taken": "-7",
+        "score/taken/x": "-4",
+        "score/taken/x/x#0": "-2",
+        "score/taken/x/x#1": "-2",
+        "score/taken/y#0": "-3",
+    }
+
+
+@pytest.mark.parametrize(
+    ("formula", "findings", "reason"),
+    [
+        ("5 * holds(x)", times("x", 1, S), "kept"),
+        ("points(x) * holds(y)", [*times("x", 1), *times("y", 1)], "there was nothing that it could change"),
+        ("7 if holds(y) else 3 - count(x)", [*times("y", 1, S), *times("x", 1)], "not in force: "),
+        ("max(0, 1 - 2 * violated(y) - 0 * count(x))", [*times("y", 1), *times("x", 1)], ""),
+        ("10 * gate(x)", [found("x", V)], "violated, but not critical"),
+        ("10 - count(x)", [found("x", N)], "not applicable"),
+        ("5 + (count(x) > 3)", times("x", 2), "it did not turn count(x) > 3"),
+        ("10 + measure(x, q) * 0 + 1 / measure(x, q)", [found("x", S, q=2.0)], ""),
+    ],
+)
+def test_a_finding_that_changed_nothing_says_why(
+    formula: str, findings: list[tuple[str, Finding]], reason: str
+) -> None:
+    lines = [line for line in Case(formula, findings).ledger.walk() if line.reason and line.kind != "cap"]
+    if reason:
+        assert any(line.amount == 0 and line.reason.startswith(reason) for line in lines)
+
+
+def test_a_covered_violation_says_that_a_heavier_one_covers_it() -> None:
+    heavy, light = times("heavy", 1), times("light", 1)
+    light = [(key, Finding("heavy/0", V, "light", span=f.span, check="light")) for key, f in light]
+    ledger = Case("10 - charged(heavy=3, light=1, again_after_s=5)", [*heavy, *light]).ledger
+
+    (line,) = [line for line in ledger.walk() if line.findings == ("light#0",)]
+    assert (line.amount, line.reason) == (0, "a heavier violation covers it")
+
+
+def test_an_undecided_finding_that_counts_as_violated_says_so() -> None:
+    case = Case("10 - 2 * count(x)", times("x", 1))
+    case.findings = {"x#0": Finding("a", U, "no samples", check="x")}
+    case.policies = {"x": "worst_case"}
+
+    (line,) = [line for line in case.ledger.walk() if line.findings == ("x#0",)]
+    assert (line.amount, line.label) == (-2, "no samples (undecided)")
+
+
+def test_pooled_runs_are_shared_between_this_run_and_the_others() -> None:
+    # This run has 1 demerit, the team 4: of 100 / 5 this one pays a quarter of 80.
+    case = Case(
+        "100 / (1 + runs.demerits)",
+        times("x", 1),
+        trial={"demerits": "count(x)"},
+        cohort=CohortValues("", {"runs.demerits": {"": 4.0}}),
+    )
+
+    assert told(case.ledger)["score/taken/x#0"] == "-20"
+    assert told(case.ledger)["score/taken/runs"] == "-60"
+
+
+def test_what_compares_with_other_teams_is_a_line_of_its_own() -> None:
+    case = Case(
+        "points(x) * (cohort.cost / measure(own, q))",
+        [*times("x", 3, S), found("own", S, q=50.0)],
+        measures={"own": best()},
+        cohort=CohortValues("", {"cost": {"": 60.0}}),
+        cohort_terms={"cost": CohortTerm("cost", "trial", Expression.parse("1"))},
+    )
+    (line,) = [line for line in case.ledger.walk() if line.kind == "factor"]
+
+    assert case.score == pytest.approx(3.6)
+    assert (line.amount, line.findings) == (Decimal("0.6"), ("own#0",))
+    assert [float(case.earned[f"x#{i}"]) for i in range(3)] == [1, 1, 1]
+
+
+def test_a_measured_number_is_what_its_check_declares_and_not_what_it_is_called() -> None:
+    findings = [found("x", S, points=4.0)]
+    kinds = {
+        role: Case(
+            "10 + measure(x, points)", findings, measures={"x": {"points": Measure("s", role)}}
+        ).tree.exact
+        for role in ("points", "penalty", "measure")
+    }
+
+    assert kinds == {"points": (10, 14, 14), "penalty": (10, 10, 14), "measure": (14, 14, 14)}
+
+
+def test_scopes_of_a_sum_are_lines_and_a_single_one_too() -> None:
+    findings = [found("x", S, i, f"o0/p{i}") for i in range(2)]
+    case = Case("sum(order.total)", findings, scopes=order(2), order={"total": "3 * points(x)"})
+
+    assert told(case.ledger)["score/earned/o0"] == "6"
+    assert told(case.ledger)["score/earned/o0/p1"] == "3"
+
+
+def test_steps_that_only_turn_come_after_what_is_graded() -> None:
+    case = Case("(0.5 if violated(g) else 1) * product(x, p=0.6)", [*times("g", 1), *times("x", 1)])
+
+    assert {key: float(by) for key, by in amounts(case.tree, TAKEN).items()} == pytest.approx(
+        {"x#0": -0.4, "g#0": -0.3}
+    )
+    assert amounts(case.tree, EARNED) == {}
