@@ -96,10 +96,9 @@ def ask(
         raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    findings = [_kept(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
-    units = _units(plugin, name, findings)
+    stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
-    return sorted((_stored(plugin, name, finding, units) for finding in findings), key=_order_of_findings)
+    return sorted(stored, key=_order_of_findings)
 
 
 def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
@@ -147,15 +146,14 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     signals = {signal: recorded.unit for signal, recorded in trial.signals.items()}
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
-        measures = getattr(check, "measures", None)
+        measures = getattr(check, "measures", {})
         subjects = frozenset(getattr(check, "also_about", ()))
         forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
     except Exception as cause:
         raise broken(
             plugin, f"raised {type(cause).__name__} about what it measures: {cause}", of=name
         ) from cause
-    if measures is not None:
-        _refuse_measures(plugin, name, measures, units)
+    _refuse_measures(plugin, name, measures, units)
     return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
 
 
@@ -172,34 +170,13 @@ def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection
             )
 
 
-def _kept(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
-    """A finding that keeps the contract, with the units that its check declares."""
+def _stored(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
+    """A finding that keeps the contract, with the units that its check declares, as it is stored."""
     if breach := breach_of(finding, grounds):
         raise broken(plugin, f"gives finding {number}, {shown(finding)}, which cannot be: {breach}", of=name)
-    if grounds.measures is None:
-        return finding
-    return replace(
-        finding, units={quantity: grounds.measures[quantity].unit for quantity in finding.quantities}
-    )
-
-
-def _units(plugin: Plugin, name: str, findings: Iterable[Finding]) -> dict[str, str]:
-    """The unit of each quantity of a check, where one of its findings declares it."""
-    units: dict[str, str] = {}
-    for finding in findings:
-        for quantity, unit in finding.units.items():
-            if units.setdefault(quantity, unit) != unit:
-                words = f"gives the quantity {quantity!r} in {units[quantity]!r} and in {unit!r}"
-                raise broken(plugin, words, of=name)
-    return units
-
-
-def _stored(plugin: Plugin, name: str, finding: Finding, units: Mapping[str, str]) -> Finding:
-    own = {quantity: units[quantity] for quantity in finding.quantities if quantity in units}
-    try:
-        return settled(replace(finding, check=name, units=own))
-    except (TypeError, ValueError) as cause:
-        raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
+    declared = grounds.measures or {}
+    units = {quantity: declared[quantity].unit for quantity in finding.quantities}
+    return settled(replace(finding, check=name, units=units))
 
 
 def _order_of_findings(finding: Finding) -> tuple[str, float, str]:

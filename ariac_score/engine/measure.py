@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -169,9 +170,15 @@ def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
 def _scope(item: WorkItem, inside: str, facts: Mapping[str, Fact] = MappingProxyType({})) -> Scope:
     """The scope of an item, with those of the items inside it."""
     path = f"{inside}/{item.id}" if inside else item.id
-    return Scope(
-        item.level, path, {**facts, **item.facts}, tuple(_scope(inner, path) for inner in item.items)
-    )
+    facts = {**facts, **item.facts}
+    for name, value in facts.items():
+        known = value is None or isinstance(value, (int, float, str))
+        if not known or (isinstance(value, float) and not math.isfinite(value)):
+            raise LogError(
+                f"fact {name!r} of {path!r} is {value!r}, which is no number, no text and not absent",
+                hint="correct the log, or the reader or competition that states it",
+            )
+    return Scope(item.level, path, facts, tuple(_scope(inner, path) for inner in item.items))
 
 
 def _refuse_other_levels(scope: Scope, rule_set: RuleSet) -> None:

@@ -473,10 +473,9 @@ BROKEN = {
         "gives finding 1, violated 'trial' (x), which cannot be: "
         "its robustness is +0.5, but a violation has none above 0",
     ),
-    "gives a quantity in two units": (
-        "yield Finding('robot', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
-        "yield Finding('human', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
-        "gives the quantity 'won' in 'points' and in 'N'",
+    "gives a quantity it does not declare": (
+        "yield Finding('robot', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})",
+        "its quantities.won is not declared; the check declares no 'measures'",
     ),
     "sets a field": ("trial.id = 'mine'\nyield", "raised FrozenInstanceError"),
     "adds a signal": ("trial.signals['mine'] = None\nyield", "raised TypeError"),

@@ -111,6 +111,11 @@ BROKEN = {
     ),
     "NaN": ("quantities={'takes_s': float('nan')}", "quantities.takes_s", "nan, which is no finite number"),
     "infinity": ("quantities={'level_m': float('inf')}", "quantities.level_m", "inf, which is no finite"),
+    "an integer beyond all floats": (
+        "quantities={'level_m': 10**400}",
+        "quantities.level_m",
+        "which is no finite number",
+    ),
     "a truth for a number": ("quantities={'things': True}", "quantities.things", "True, which is no finite"),
     "a word for a number": ("quantities={'things': '2'}", "quantities.things", "'2', which is no finite"),
     "a violation that kept its limit": (
