@@ -84,7 +84,7 @@ def test_a_table_of_the_course_is_scored_by_name(log: Path, rules: str, score: f
 
     assert result.score == Decimal(str(score))
     (finding,) = result.measured.of("low").values()
-    assert finding.message == "at most 0.75 m high"
+    assert finding.robustness == pytest.approx(0.5 - 0.75)
     code = {(one.distribution, one.version) for one in result.provenance.code}
     assert ("course-score", "1.0") in code
 
@@ -93,10 +93,12 @@ def test_its_result_has_the_panel_and_the_format(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stored = tmp_path / "r.json"
-    stored.write_text(as_json(score_trial(log, "course")), encoding="utf-8")
+    result = score_trial(log, "course")
+    stored.write_text(as_json(result), encoding="utf-8")
+    (finding,) = result.measured.of("low").values()
 
     assert main(["report", str(stored)]) == 0
-    assert "<ul><li><bdi>at most 0.75 m high</bdi></li></ul>" in capsys.readouterr().out
+    assert f"<ul><li><bdi>{finding.message}</bdi></li></ul>" in capsys.readouterr().out
     assert main(["export", str(stored), "--output-format", "course_tex"]) == 0
     assert capsys.readouterr().out == "\\newcommand{\\score}{8.000000}\n"
     assert main(["verify", str(stored), "--log", str(log)]) == 0
@@ -139,3 +141,16 @@ def test_its_rule_set_says_where_it_lies_and_json_lists_it(
     assert main(["plugins", "list", "--output-format", "json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {"course", "course.half"} <= {row["name"] for row in rows if row["kind"] == "rule_sets"}
+
+
+def test_its_monitor_keeps_the_contract_on_a_log_that_lacks_what_it_needs(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The height is derived by the distribution itself, as when a trial is scored."""
+    code = main(["plugins", "check", "course.low", "--trial", str(log), "--log-map", "course"])
+
+    out = capsys.readouterr().out
+    assert "bump_height" not in out
+    assert code == 0, out
+    assert main(["plugins", "show", "course.low"]) == 0
+    assert "`bump_height`" in capsys.readouterr().out

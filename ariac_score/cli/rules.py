@@ -189,7 +189,8 @@ def run_check(arguments: argparse.Namespace) -> int:
     """Try the laws on each rule set."""
     registry, broken, penalties = registry_of(arguments), False, penalty_names()
     for name in arguments.names or [*rule_set_names(registry), *penalties]:
-        is_penalty = name in penalties
+        # A misspelt penalty is named as one.
+        is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
@@ -198,7 +199,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")
         for outcome in outcomes:
-            for line in outcome_lines(outcome, rule_set.breaks.get(outcome.law.name, "")):
+            for line in outcome_lines(
+                outcome, rule_set.sheet.levels, rule_set.breaks.get(outcome.law.name, "")
+            ):
                 print(f"  {line}")
         sys.stdout.flush()
         broken |= any(outcome.verdict == "broken" for outcome in outcomes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,11 +13,12 @@ from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginConflictError, PluginError
 from ariac_score.installed.captured_output import quiet
-from ariac_score.trial.derive import SOURCES, DerivedSignal
+from ariac_score.trial.derive import SOURCES, Derivation, DerivedSignal, derive_signals
+from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["DERIVED", "Deriver", "deriver_of", "derivers_of", "needs_of"]
+__all__ = ["DERIVED", "Deriver", "deriver_of", "derivers_of", "needs_of", "with_derived"]
 
 DERIVED = "ariac_score.derived_signals"
 
@@ -76,6 +77,17 @@ def derivers_of(wanted: Iterable[str], registry: Registry) -> dict[str, Deriver]
         found[quantity] = deriver_of(quantity, registry)
         todo += found[quantity].signal.quantities
     return found
+
+
+def with_derived(trial: Trial, needs: Sequence[SignalNeed], registry: Registry) -> Trial:
+    """The trial with what a check needs, as the engine would hand it over.
+
+    Raises:
+        PluginError: See `derivers_of`.
+    """
+    derivers = derivers_of([need.quantity for need in needs], registry)
+    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+    return derive_signals(trial, wanted, brought={name: one.signal for name, one in derivers.items()})
 
 
 def deriver_of(quantity: str, registry: Registry) -> Deriver:

@@ -12,9 +12,9 @@
 ...     def margin(self, signals: Signals) -> Bound:
 ...         return self.at_most(signals["speed/{robot}"], self.max_speed_m_s)
 >>> t = np.arange(4) * 0.04
->>> speed = Signal("speed/gantry", "m/s", t, np.array([0.1, 0.3, 0.5, 0.1]))
+>>> speed = Signal("speed/arm", "m/s", t, np.array([0.1, 0.3, 0.5, 0.1]))
 >>> trial = Trial(
-...     "t", bodies=(Body("gantry", "robot"),), signals={speed.name: speed}, recorded=Span(0.0, 0.12)
+...     "t", bodies=(Body("arm", "robot"),), signals={speed.name: speed}, recorded=Span(0.0, 0.12)
 ... )
 >>> for finding in Calm().watch(trial):
 ...     print(finding.message)

@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 STANDSTILL_SPEED_M_S = 0.01
-"""Above this a robot moves (monitor catalogue, M7; ARIAC 2023 uses the same for AGVs)."""
+"""Above this a machine moves (monitor catalogue, M7; a competition of 2023 uses the same for vehicles)."""
 
 EXPOSURE_DISTANCE_M = 5.0
 """Within this of a moving robot a human is exposed (catalogue, 1.3; our choice)."""

@@ -20,7 +20,7 @@ class Subject:
     """Whom one finding is about.
 
     Attributes:
-        name: Subject of the findings, such as `gantry/person_1`.
+        name: Subject of the findings, such as `arm/person_1`.
         bodies: What to fill into the templates: body id by placeholder.
     """
 
@@ -98,8 +98,8 @@ class Subjects:
 def bodies(kind: str) -> Subjects:
     """Every body of a kind, named `{kind}` in templates.
 
-    >>> bodies("robot").of([Body("gantry", "robot"), Body("ann", "human")])
-    [Subject(name='gantry', bodies={'robot': 'gantry'})]
+    >>> bodies("robot").of([Body("arm", "robot"), Body("ann", "human")])
+    [Subject(name='arm', bodies={'robot': 'arm'})]
     """
     return Subjects((kind,))
 

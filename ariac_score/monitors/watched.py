@@ -86,6 +86,9 @@ class Watched:
     _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
+        if template not in self.names:
+            wanted = ", ".join(map(repr, self.names))
+            raise LookupError(f"signal {template!r} is read, but it is not among those wanted: {wanted}")
         return self.columns[self.names[template]]
 
     def get(self, template: str) -> FloatArray | None:

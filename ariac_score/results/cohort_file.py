@@ -22,6 +22,7 @@ from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import add_up
 from ariac_score.scoring.pricing import Contributed, contribute
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.scope import Scope
 
 __all__ = ["COHORT", "Cohort", "CohortMean", "cohort_text", "contributed", "load_cohort", "make_cohort"]
 
@@ -72,8 +73,8 @@ class Cohort:
 
         Args:
             trial: Its name in the competition. Where the cohort has no such trial, the one
-                trial with the same orders is taken.
-            measured: The trial to price, whose orders are compared.
+                trial with the same work is taken.
+            measured: The trial to price, whose work is compared.
 
         Raises:
             UsageError: The cohort has no such trial.
@@ -81,8 +82,7 @@ class Cohort:
         # A team that scores its own log need not know what the organisers call the trial.
         name = trial
         if name not in self.trials and measured is not None:
-            orders = {scope.path for scope in measured.scopes.inner}
-            alike = [other for other, values in self.trials.items() if _orders(values) == orders]
+            alike = [other for other, values in self.trials.items() if _has_work(values, measured.scopes)]
             name = alike[0] if len(alike) == 1 else name
         if name not in self.trials:
             raise UsageError(
@@ -109,8 +109,14 @@ COHORT = Format("cohort", 1, Cohort, made_by="'rank --cohort-output'")
 """How a cohort is stored."""
 
 
-def _orders(values: Mapping[str, Mapping[str, CohortMean]]) -> set[str]:
-    return {path for means in values.values() for path in means if path}
+def _has_work(values: Mapping[str, Mapping[str, CohortMean]], trial: Scope) -> bool:
+    """Whether a trial has the work of which there are values: that, and no more of its levels."""
+    named = {path for means in values.values() for path in means if path}
+    level_of = {scope.path: scope.level for scope in trial.walk()}
+    levels = {level_of.get(path) for path in named}
+    if not named:
+        return not trial.inner
+    return named == {path for path, level in level_of.items() if level in levels}
 
 
 def contributed(measured: Measured, rule_set: RuleSet) -> Contributed:

@@ -260,16 +260,10 @@ class _Reasons:
 
     def _one_sided(self, *traces: Traced) -> set[str]:
         """Terms a score is made of that only one of the two rule sets has."""
-        level_of = {scope.path: scope.level for scope in _all_scopes(self.first.measured.scopes)}
+        level_of = {scope.path: scope.level for scope in self.first.measured.scopes.walk()}
         found = {f"{level_of.get(path, TRIAL)}.{name}" for path, name in _terms_in(*traces)}
         first, second = (_all_terms(certain.rule_set) for certain in (self.first, self.second))
         return found & (first ^ second)
-
-
-def _all_scopes(scope: Scope) -> Iterator[Scope]:
-    yield scope
-    for inner in scope.inner:
-        yield from _all_scopes(inner)
 
 
 def _all_terms(rule_set: RuleSet) -> set[str]:

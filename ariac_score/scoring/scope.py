@@ -52,6 +52,12 @@ class Scope:
         """Whether a finding's subject lies in this scope."""
         return is_inside(subject, self.path)
 
+    def walk(self) -> Iterator[Scope]:
+        """This scope and all inside, from the outside in."""
+        yield self
+        for inner in self.inner:
+            yield from inner.walk()
+
     def each(self, level: str) -> Iterator[Scope]:
         """The scopes of a level inside this one, in order."""
         for scope in self.inner:

@@ -20,8 +20,9 @@ from typing import Any
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
 from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
-from ariac_score.engine.signal_needs import needs_of
+from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import PluginError
 from ariac_score.testing.contract_check import (
     HINT,
@@ -38,7 +39,6 @@ from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
 from ariac_score.trial.chart import Chart
-from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 
 __all__ = ["BUDGET_S", "contract_checks"]
@@ -141,8 +141,7 @@ class _Checked:
 
     def _derive(self, trial: Trial) -> Trial:
         needs = needs_of(self.plugin, "contract", self.check)
-        wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
-        return derive_signals(trial, wanted) if needs else trial
+        return with_derived(trial, needs, Registry()) if needs else trial
 
     @property
     def findings(self) -> list[Finding]:

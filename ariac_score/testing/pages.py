@@ -1,4 +1,4 @@
-"""The page of a plugin: its docstring, parameters, needs, and an example of its findings."""
+"""The page of a plugin: its docstring, parameters, needs, quantities, and an example of its findings."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from ariac_score.checks.contracts import GROUPS, Monitor, Rule
 from ariac_score.checks.findings import Finding
+from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_of
 from ariac_score.engine.ask import ask
-from ariac_score.engine.signal_needs import needs_of
+from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import ScoreError
 from ariac_score.scoring.ruleset import installed_rule_sets
 from ariac_score.testing.made import made_trial
-from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
@@ -41,7 +41,8 @@ def plugin_page(plugin: Plugin) -> str:
         PluginError: It cannot be imported.
     """
     kind = plugin.load()
-    parts = [f"# `{plugin.name}`", *_docstring(kind), *_parameters(kind), *_needs(plugin), *_example(plugin)]
+    parts = [f"# `{plugin.name}`", *_docstring(kind), *_parameters(kind), *_needs(plugin)]
+    parts += [*_measures(plugin), *_example(plugin)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -169,6 +170,23 @@ def _needs(plugin: Plugin) -> list[str]:
     return ["## Needs", _table(rows)]
 
 
+def _measures(plugin: Plugin) -> list[str]:
+    """The quantities of its findings, which a rule set may price."""
+    check = _built(plugin)
+    if not isinstance(check, Rule | Monitor):
+        return []
+    rows = [
+        {
+            "quantity": f"`{name}`",
+            "unit": measure.unit,
+            "role": "" if measure.role == "measure" else measure.role,
+            "meaning": measure.meaning,
+        }
+        for name, measure in measures_of(check).items()
+    ]
+    return ["## Quantities", _table(rows)] if rows else []
+
+
 def example_parameters(plugin: Plugin) -> dict[str, Any]:
     """Parameters that show what a plugin does.
 
@@ -209,8 +227,8 @@ def _made() -> Trial:
 
 def _findings(plugin: Plugin, check: Any) -> list[Finding]:
     # As the engine does, so that the example is what a score would show.
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs_of(plugin, "example", check)]
-    return ask(plugin, "example", check, derive_signals(_made(), wanted))
+    needs = needs_of(plugin, "example", check)
+    return ask(plugin, "example", check, with_derived(_made(), needs, Registry()))
 
 
 def _chosen(findings: list[Finding]) -> list[Finding]:

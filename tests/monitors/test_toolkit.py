@@ -527,6 +527,18 @@ def test_mistakes_of_an_author_are_named(name: str, words: str) -> None:
         list(Wrong(name).watch(flight([0.0] * 2, [1.0] * 2)))
 
 
+def test_a_signal_that_is_read_must_be_wanted() -> None:
+    @dataclass(frozen=True)
+    class Forgetful(Wrong):
+        """Reads what it does not want."""
+
+        def margin(self, signals: Watched) -> FloatArray:
+            return signals["heat/{drone}"]
+
+    with pytest.raises(LookupError, match=r"'heat/{drone}' is read, .* wanted: 'height/{drone}'"):
+        list(Forgetful().watch(flight([0.0] * 2, [1.0] * 2)))
+
+
 # Parameters, and the promise of the tutorial ----------------------------------------------
 
 

@@ -18,6 +18,7 @@ from ariac_score import (
     Event,
     Finding,
     InstantVerdict,
+    Measure,
     OnlineWatch,
     Sample,
     SignalNeed,
@@ -329,6 +330,11 @@ class Scripted:
     """An online monitor that says what it is told to, sample by sample."""
 
     said: tuple[InstantVerdict | Exception, ...]
+
+    @property
+    def measures(self) -> dict[str, Measure]:
+        """What the rule set prices."""
+        return {"relative_depth_integral_s": Measure("s", best=0.0)}
 
     def needs(self) -> Iterator[SignalNeed]:
         yield SignalNeed("centre_distance", "m")

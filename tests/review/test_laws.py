@@ -147,7 +147,8 @@ def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> 
 
 
 def test_a_counter_example_is_told_in_words() -> None:
-    lines = list(outcome_lines(outcome(made("earned + count(dropped)"), "more_violations")))
+    rules = made("earned + count(dropped)")
+    lines = list(outcome_lines(outcome(rules, "more_violations"), rules.sheet.levels))
 
     assert lines == [
         "BROKEN          more violations never help",

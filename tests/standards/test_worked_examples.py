@@ -915,7 +915,7 @@ def demerit(inputs: Inputs) -> Outputs:
 
 @runs("score.hyperbolic")
 def hyperbolic(inputs: Inputs) -> Outputs:
-    found = [violation(f"c{i}") for i, _ in enumerate(inputs["demerits"])]
+    found = [violation(f"c{i}", relative_depth_integral_s=0.0) for i, _ in enumerate(inputs["demerits"])]
     terms = " + ".join(f"{d!r} * demerits(c{i})" for i, d in enumerate(inputs["demerits"]))
     return {"multiplier": priced(f"1 / (1 + {terms})", found)}
 

@@ -17,6 +17,7 @@ from ariac_score.review.laws.cases import (
     draw_violation,
 )
 from ariac_score.scoring.expression import Number, add_up
+from ariac_score.scoring.levels import TRIAL
 
 __all__ = ["LAWS", "Broken", "Law", "Situation", "simpler"]
 
@@ -325,8 +326,8 @@ def _draw_pieces(world: World, rng: Random) -> Situation:
 
 
 def _pieces(world: World, situation: Situation) -> Broken | None:
-    """Orders alike, each done in the same time with the same violations; stop after some of them."""
-    case = situation.case
+    """Pieces of work alike, each done in the same time with the same violations; stop after some of them."""
+    case, level = situation.case, (TRIAL, *world.rule_set.sheet.levels)[-2]
     if len(set(case.orders)) > 1 or any(v.end > _PERIOD // 2 for v in case.violations):
         return None
     counts = range(len(case.orders) + 1)
@@ -338,9 +339,9 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
     for n, (sooner, later) in enumerate(pairwise(scores)):
         if later < sooner - _margin(sooner, later):
             return Broken(
-                f"stopping after {n} orders",
+                f"stopping after {n} {level}{'' if n == 1 else 's'}",
                 sooner,
-                f"going on to order {n + 1}, with the same violations again",
+                f"going on to {level} {n + 1}, with the same violations again",
                 later,
             )
     return None
@@ -459,7 +460,7 @@ LAWS: tuple[Law, ...] = (
     Law(
         "stopping_early",
         "stopping early does not pay at a constant violation rate",
-        "orders alike, each done in 30 s with the same violations; going on may not give less than "
+        "pieces of work alike, each done in 30 s with the same violations; going on may not give less than "
         "stopping after any of them, or before the first",
         _without_work,
         _draw_pieces,

@@ -90,6 +90,7 @@ def _shipped() -> Iterator[str]:
 
 
 def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
+    levels = reference_rules(DEFAULT).sheet.levels
     yield "\n## The penalties\n"
     for penalty, outcomes in found:
         default = " (default)" if penalty.id == DEFAULT else ""
@@ -98,7 +99,7 @@ def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
         broken = [outcome for outcome in outcomes if outcome.verdict == "broken"]
         yield "\nIt keeps every law.\n" if not broken else "\n```\n"
         for outcome in broken:
-            yield "".join(f"{line}\n" for line in outcome_lines(outcome))
+            yield "".join(f"{line}\n" for line in outcome_lines(outcome, levels))
         yield "```\n" if broken else ""
 
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from ariac_score.review.laws.cases import Case
 from ariac_score.review.laws.proving import Outcome
 from ariac_score.scoring.expression import Number
+from ariac_score.scoring.levels import TRIAL
 
 __all__ = ["outcome_lines"]
 
 _VERDICTS = {"holds": "holds", "broken": "BROKEN", "not_applicable": "not applicable", "untried": "not tried"}
 
 
-def outcome_lines(outcome: Outcome, known: str = "") -> Iterator[str]:
+def outcome_lines(outcome: Outcome, levels: Sequence[str], known: str = "") -> Iterator[str]:
     """How a law fared, in a line; the counter-example below it.
 
     Args:
         outcome: How it fared.
+        levels: Of the rule set, whose words the counter-example uses.
         known: Why the rule set says that it breaks this law; empty when it does not.
     """
     reason = f": {outcome.reason}" if outcome.reason else ""
@@ -27,7 +29,7 @@ def outcome_lines(outcome: Outcome, known: str = "") -> Iterator[str]:
         yield f"    the rule set says so itself: {known}{found}"
     if outcome.broken and outcome.situation:
         broken = outcome.broken
-        yield f"    {_trial(outcome.situation.case)}"
+        yield f"    {_trial(outcome.situation.case, levels)}"
         first, second = _numbers(broken.first_score, broken.second_score)
         yield f"    {first}  {broken.first}"
         yield f"    {second}  {broken.second}"
@@ -39,14 +41,15 @@ def _numbers(first: Number, second: Number) -> tuple[str, str]:
     return f"{first:>12.{digits}g}", f"{second:>12.{digits}g}"
 
 
-def _trial(case: Case) -> str:
+def _trial(case: Case, levels: Sequence[str]) -> str:
     """A case in a sentence."""
-    orders = [" and ".join(_count(parts, "part") for parts in tasks) for tasks in case.orders]
+    work = [" and ".join(_count(parts, levels[0]) for parts in tasks) for tasks in case.orders]
+    whole = "" if levels[0] == TRIAL else f"{'; '.join(work)}; "
     failed = ", ".join(f"{check} of {subject}" for check, subject in sorted(case.failed))
     task = f"not satisfied: {failed}" if failed else "all of the task satisfied"
     safety = "; ".join(_repeated(case)) or "no violations"
     numbers = ", ".join(f"{name} = {value:g}" for name, value in case.numbers.items())
-    return f"{'; '.join(orders)}; {task}; {safety}{f'; {numbers}' if numbers else ''}"
+    return f"{whole}{task}; {safety}{f'; {numbers}' if numbers else ''}"
 
 
 def _repeated(case: Case) -> Iterator[str]:
