@@ -111,9 +111,13 @@ def _of_kind(finding: Finding) -> Iterator[Breach]:
 
 def _number(value: Any) -> float | None:
     """A finite number; `None` for anything else, truth values included."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return None
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond all floats
+        return None
+    return number if math.isfinite(number) else None
 
 
 # What it is about, and when ------------------------------------------------------------

@@ -17,6 +17,7 @@ from ariac_score.engine.price import reprice
 from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.competition import stored_results
+from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
@@ -172,12 +173,15 @@ def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
-    """Load each rule set, build its checks and load its log map."""
+    """Load each rule set with everything that it names: checks, log map, how it ranks."""
     registry = registry_of(arguments)
     for name in arguments.names:
         prepared = prepare(name, registry=registry)
         prepared.refuse_unknown_quantities()
         plugins_of_log_map(prepared.log_map, registry)
+        ranking = ranking_spec(prepared.rule_set, {}, file=prepared.rule_set.file)
+        if ranking.strict:
+            evaluation_program(ranking.strict, registry)
         rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""

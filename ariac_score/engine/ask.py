@@ -18,10 +18,11 @@ from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.installed.captured_output import quiet
+from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
-from ariac_score.trial.work import items_at
+from ariac_score.trial.work import WorkItem, paths_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
@@ -95,10 +96,9 @@ def ask(
         raise broken(plugin, "changed the trial it was given", of=name)
     if not findings:
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    findings = [_kept(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
-    units = _units(plugin, name, findings)
+    stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
-    return sorted((_stored(plugin, name, finding, units) for finding in findings), key=_order_of_findings)
+    return sorted(stored, key=_order_of_findings)
 
 
 def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
@@ -146,15 +146,14 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     signals = {signal: recorded.unit for signal, recorded in trial.signals.items()}
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
-        measures = getattr(check, "measures", None)
+        measures = getattr(check, "measures", {})
         subjects = frozenset(getattr(check, "also_about", ()))
         forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
     except Exception as cause:
         raise broken(
             plugin, f"raised {type(cause).__name__} about what it measures: {cause}", of=name
         ) from cause
-    if measures is not None:
-        _refuse_measures(plugin, name, measures, units)
+    _refuse_measures(plugin, name, measures, units)
     return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
 
 
@@ -171,34 +170,13 @@ def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection
             )
 
 
-def _kept(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
-    """A finding that keeps the contract, with the units that its check declares."""
+def _stored(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
+    """A finding that keeps the contract, with the units that its check declares, as it is stored."""
     if breach := breach_of(finding, grounds):
         raise broken(plugin, f"gives finding {number}, {shown(finding)}, which cannot be: {breach}", of=name)
-    if grounds.measures is None:
-        return finding
-    return replace(
-        finding, units={quantity: grounds.measures[quantity].unit for quantity in finding.quantities}
-    )
-
-
-def _units(plugin: Plugin, name: str, findings: Iterable[Finding]) -> dict[str, str]:
-    """The unit of each quantity of a check, where one of its findings declares it."""
-    units: dict[str, str] = {}
-    for finding in findings:
-        for quantity, unit in finding.units.items():
-            if units.setdefault(quantity, unit) != unit:
-                words = f"gives the quantity {quantity!r} in {units[quantity]!r} and in {unit!r}"
-                raise broken(plugin, words, of=name)
-    return units
-
-
-def _stored(plugin: Plugin, name: str, finding: Finding, units: Mapping[str, str]) -> Finding:
-    own = {quantity: units[quantity] for quantity in finding.quantities if quantity in units}
-    try:
-        return settled(replace(finding, check=name, units=own))
-    except (TypeError, ValueError) as cause:
-        raise broken(plugin, f"yields a number that is none: {cause}", of=name) from cause
+    declared = grounds.measures or {}
+    units = {quantity: declared[quantity].unit for quantity in finding.quantities}
+    return settled(replace(finding, check=name, units=units))
 
 
 def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
@@ -208,7 +186,7 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
-    same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
+    same = (trial.signals, trial.facts, trial.team, trial.official, trial.records)
     arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
     try:
         small_mark = hash(small)
@@ -229,18 +207,26 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
     if plugin.group != "ariac_score.rules":
         yield from _not_none(check.watch(trial))
         return
-    items = list(items_at(trial.work, getattr(check, "level", "")))
+    items = list(paths_at(trial.work, getattr(check, "level", "")))
     if not items:
         yield Finding.not_applicable("trial", "no order was announced")
-    for order in items:
-        if getattr(order, "outline", False) and not getattr(check, "reads_official", False):
-            yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
+    for path, item in items:
+        if getattr(item, "outline", False) and not getattr(check, "reads_official", False):
+            yield Finding.inconclusive(path, "what it asked for is not recorded, only its official score")
             continue
         spoken = False
-        for finding in _not_none(check.judge(trial, order)):
+        for finding in _not_none(check.judge(trial, item)):
             spoken = True
-            yield finding
-        if not spoken and not order.items:
-            yield Finding.not_applicable(order.id, "the order asks for nothing")
+            yield _inside(finding, path, item)
+        if not spoken and not item.items and not getattr(check, "level", ""):
+            yield Finding.not_applicable(path, f"the {item.level} asks for nothing")
         elif not spoken:
-            raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)
+            raise broken(plugin, f"says nothing about {path}, and silence is not a verdict", of=name)
+
+
+def _inside(finding: Any, path: str, item: WorkItem) -> Any:
+    """A finding about an item by its own id, as one about the path of the item."""
+    # A rule is given the item alone, which does not say what it is inside.
+    if path == item.id or not isinstance(finding, Finding) or not is_inside(finding.subject, item.id):
+        return finding
+    return replace(finding, subject=path + finding.subject[len(item.id) :])

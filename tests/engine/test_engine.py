@@ -21,7 +21,6 @@ from ariac_score import (
     Body,
     Event,
     Measured,
-    Order,
     Result,
     RuleSet,
     ScoreError,
@@ -42,7 +41,9 @@ from ariac_score.errors import DataFileError, LogError, PluginError
 from ariac_score.installed.points import installed_points
 from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
-from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.work import Order
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -472,10 +473,9 @@ BROKEN = {
         "gives finding 1, violated 'trial' (x), which cannot be: "
         "its robustness is +0.5, but a violation has none above 0",
     ),
-    "gives a quantity in two units": (
-        "yield Finding('robot', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})\n"
-        "yield Finding('human', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'N'})",
-        "gives the quantity 'won' in 'points' and in 'N'",
+    "gives a quantity it does not declare": (
+        "yield Finding('robot', Verdict.SATISFIED, 'x', quantities={'won': 1.0}, units={'won': 'points'})",
+        "its quantities.won is not declared; the check declares no 'measures'",
     ),
     "sets a field": ("trial.id = 'mine'\nyield", "raised FrozenInstanceError"),
     "adds a signal": ("trial.signals['mine'] = None\nyield", "raised TypeError"),

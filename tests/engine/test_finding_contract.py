@@ -20,11 +20,12 @@ from ariac_score.cli import main
 from ariac_score.engine.ask import ask
 from ariac_score.errors import PluginError
 from ariac_score.installed.points import installed_points
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.testing import kitting_trial
 
 T = np.arange(101) * 0.1
 TRIAL = Trial(
@@ -110,6 +111,11 @@ BROKEN = {
     ),
     "NaN": ("quantities={'takes_s': float('nan')}", "quantities.takes_s", "nan, which is no finite number"),
     "infinity": ("quantities={'level_m': float('inf')}", "quantities.level_m", "inf, which is no finite"),
+    "an integer beyond all floats": (
+        "quantities={'level_m': 10**400}",
+        "quantities.level_m",
+        "which is no finite number",
+    ),
     "a truth for a number": ("quantities={'things': True}", "quantities.things", "True, which is no finite"),
     "a word for a number": ("quantities={'things': '2'}", "quantities.things", "'2', which is no finite"),
     "a violation that kept its limit": (

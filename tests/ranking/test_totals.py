@@ -169,6 +169,17 @@ def test_a_policy_that_is_not_there_is_refused_with_the_place_and_the_near_ones(
     assert "did you mean 'mean'?" in refused.value.hint
 
 
+@pytest.mark.parametrize("named", ["total: best_two", "strict: course.jury"])
+def test_rules_that_name_what_is_not_installed_are_not_sound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], named: str
+) -> None:
+    rules = tmp_path / "own.yaml"
+    rules.write_text(f"{{id: own, title: O, source: ours, extends: paper2020, ranking: {{{named}}}}}")
+
+    assert main(["rules", "validate", str(rules)]) == 4
+    assert f"no installed distribution provides {named.split()[1]!r}" in capsys.readouterr().err
+
+
 def test_two_of_one_name_are_refused(install: Install) -> None:
     install("foul-score", {"mean": "f"}, source="def f(scores): return 0", group=GROUP)
 
