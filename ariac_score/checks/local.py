@@ -327,10 +327,16 @@ def _text_around_methods(kind: type) -> str:
 
 def _source_sha256(kind: type) -> str:
     """Hash of the text of a class; empty where Python has none."""
-    try:
-        text = textwrap.dedent(inspect.getsource(kind))
-    except (OSError, TypeError):  # a cell of a notebook: Python looks for classes in files alone
-        text = _text_around_methods(kind)
-    if not text:
+    # By its methods first: of a class in a cell `inspect` knows no file, and Python 3.13 then takes that of
+    # the program that runs the cell.
+    text = _text_around_methods(kind) or _text_of_file(kind)
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest() if text else ""
+
+
+def _text_of_file(kind: type) -> str:
+    if kind.__module__ == "__main__":
         return ""
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    try:
+        return textwrap.dedent(inspect.getsource(kind))
+    except (OSError, TypeError):  # typed at a prompt, or made by a program
+        return ""

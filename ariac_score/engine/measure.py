@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -143,7 +144,8 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
         moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    return sketch_of(trial, charts, moments)
+    words = getattr(prepared.competition.check, "words", {}) if prepared.competition else {}
+    return sketch_of(trial, charts, moments, words)
 
 
 def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
@@ -168,9 +170,15 @@ def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
 def _scope(item: WorkItem, inside: str, facts: Mapping[str, Fact] = MappingProxyType({})) -> Scope:
     """The scope of an item, with those of the items inside it."""
     path = f"{inside}/{item.id}" if inside else item.id
-    return Scope(
-        item.level, path, {**facts, **item.facts}, tuple(_scope(inner, path) for inner in item.items)
-    )
+    facts = {**facts, **item.facts}
+    for name, value in facts.items():
+        known = value is None or isinstance(value, (int, float, str))
+        if not known or (isinstance(value, float) and not math.isfinite(value)):
+            raise LogError(
+                f"fact {name!r} of {path!r} is {value!r}, which is no number, no text and not absent",
+                hint="correct the log, or the reader or competition that states it",
+            )
+    return Scope(item.level, path, facts, tuple(_scope(inner, path) for inner in item.items))
 
 
 def _refuse_other_levels(scope: Scope, rule_set: RuleSet) -> None:

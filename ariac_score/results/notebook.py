@@ -34,7 +34,10 @@ def result_html(
     of = "" if possible is None else f" of {_number(possible)}"
     head = "no score" if score is None else f"{_number(score)}{of}"
     lines = ledger.children if ledger is not None else ()
-    amounts = [(line.label, _number(line.amount)) for line in lines]
+    amounts = []
+    for line in lines:
+        amounts.append((line.label, _number(line.amount)))
+        amounts += [(f"· {one.label}", _number(one.amount)) for one in line.children if one.amount]
     violated = [
         (key, finding.subject, finding.message)
         for key, finding in findings.items()

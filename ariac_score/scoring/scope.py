@@ -46,7 +46,9 @@ class Scope:
     inner: tuple[Scope, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", FrozenMap(dict(self.facts)))
+        # As numbers: JSON would keep `true`, which no formula knows.
+        facts = {k: int(v) if isinstance(v, bool) else v for k, v in self.facts.items()}
+        object.__setattr__(self, "facts", FrozenMap(facts))
 
     def contains(self, subject: str) -> bool:
         """Whether a finding's subject lies in this scope."""

@@ -252,6 +252,17 @@ def test_a_ranking_runs_the_file_that_the_competition_names_with_its_hash(
     assert run["score"] == TASK - 2
 
 
+def test_a_file_that_is_not_among_those_allowed_is_refused_with_the_nearest_name(
+    rules: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = competition(rules, local_plugins={"./our.py": "0" * 64})
+
+    assert main(["rank", str(file)]) == 4
+    error = capsys.readouterr().err
+    assert "'./ours.py' is not among the files that are allowed here" in error
+    assert "did you mean './our.py'?" in error
+
+
 @pytest.mark.parametrize("command", ["rank", "batch"])
 def test_another_state_of_the_file_is_refused_and_both_hashes_are_named(
     command: str, rules: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

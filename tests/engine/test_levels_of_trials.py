@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pytest
 
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import Prepared, prepare
-from ariac_score.errors import RuleSetError
+from ariac_score.errors import LogError, RuleSetError
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import draft_rule_set
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
@@ -90,6 +93,27 @@ def test_rules_about_the_trial_alone_take_any_work() -> None:
     measured = measure_trial(trial(Item("one", "tsak")), prepared("score: trial.duration_s\n"))
 
     assert measured.scopes.facts["duration_s"] == 8.0
+
+
+class Odd:
+    """A work item of a stranger, which checks nothing."""
+
+    id, level, items = "one", "task", ()
+
+    def __init__(self, **facts: object) -> None:
+        self.facts: Any = facts
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, [1], b"bolt"])
+def test_a_fact_that_is_no_fact_is_refused_by_its_name(value: object) -> None:
+    with pytest.raises(LogError, match=r"fact 'time_s' of 'one' is .*, which is no number, no text"):
+        measure_trial(trial(Odd(time_s=value)), prepared(LEVELS))  # type: ignore[arg-type]
+
+
+def test_true_and_false_are_1_and_0() -> None:
+    (scope,) = measure_trial(trial(Odd(time_s=True)), prepared(LEVELS)).scopes.inner  # type: ignore[arg-type]
+
+    assert repr(scope.facts["time_s"]) == "1"
 
 
 # Quantities ----------------------------------------------------------------------------

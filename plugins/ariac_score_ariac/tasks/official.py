@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, OfficialOrder, OfficialResult, Order, SignalNeed, Trial, Verdict
+from ariac_score import Finding, Measure, OfficialOrder, OfficialResult, SignalNeed, Trial, Verdict
+from ariac_score_ariac.work import Order
 
 OfOrder = Literal["score", "total", "priority_factor", "duration_s", "max_score"]
 OfTrial = Literal["total", "process_time_s", "collisions", "dropped"]

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Order, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score import Finding, Measure, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score_ariac.work import Order
 
 _KINDS = ("kit", "module", "high_priority")
 _SUBJECT = "run"
