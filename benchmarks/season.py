@@ -32,7 +32,8 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.index import Row
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_texts import CANCELLED, CRASHED
 
 BASE = "paper2020"

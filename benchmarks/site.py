@@ -37,7 +37,8 @@ from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.expression import Expression
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = "paper2020"
 WANTED_SITE_S = 30.0

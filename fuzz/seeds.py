@@ -29,15 +29,9 @@ from ariac_score.results.cohort_file import Cohort, CohortMean, cohort_text
 from ariac_score.results.result import Pinned
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import rule_set_from_text
-from ariac_score.testing import (
-    SNAPSHOT_SIGNALS,
-    Recorded,
-    kitting_trial,
-    write_bag,
-    write_event_log,
-    write_trial_log,
-)
+from ariac_score.testing import SNAPSHOT_SIGNALS, Recorded, write_bag, write_event_log, write_trial_log
 from ariac_score.testing.repacked import McapForm, repacked
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_database import write_database_competition as write_database
 from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 from ariac_score_ariac.testing.recordings import recorded_messages

@@ -16,16 +16,12 @@ from typing import Any
 
 import pytest
 
-from ariac_score import Event, Pose, Product, Submission, Trial, load_result
+from ariac_score import Event, Pose, Trial, load_result
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.testing import (
-    SNAPSHOT_SIGNALS,
-    Recorded,
-    kitting_trial,
-    write_bag,
-    write_trial_log,
-)
+from ariac_score.testing import SNAPSHOT_SIGNALS, Recorded, write_bag, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
+from ariac_score_ariac.work import KitSubmission, Product
 
 Case = Callable[[Path], list[str]]
 CASES: dict[str, Case] = {}
@@ -177,7 +173,7 @@ def submissions_not_recorded(folder: Path) -> list[str]:
     return _log(folder, replace(trial, submissions=(), witnessed=trial.witnessed - {"submissions"}))
 
 
-def _with_first(folder: Path, change: Callable[[Submission], Submission]) -> list[str]:
+def _with_first(folder: Path, change: Callable[[KitSubmission], KitSubmission]) -> list[str]:
     trial = kitting_trial()
     first, second = trial.submissions
     return _log(folder, replace(trial, submissions=(change(first), second)))
@@ -204,7 +200,7 @@ def faulty_and_unwanted_products(folder: Path) -> list[str]:
 
 @case
 def upside_down_part(folder: Path) -> list[str]:
-    def flip(submission: Submission) -> Submission:
+    def flip(submission: KitSubmission) -> KitSubmission:
         first, *others = submission.contents or ()
         assert first.pose is not None
         flipped = replace(first, pose=Pose(first.pose.position_m, (0.0, 1.0, 0.0, 0.0)))

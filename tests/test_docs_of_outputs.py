@@ -18,7 +18,8 @@ from ariac_score.cli import main
 from ariac_score.cli.outcome import OWN_FORMATS
 from ariac_score.report.exports import export_names
 from ariac_score.results.adjustments import load_adjustments
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[1]
 OURS = ("Install", "Simulate")

@@ -19,10 +19,10 @@ from ariac_score.engine.facts import fact_schemas_of, refuse_other_facts
 from ariac_score.errors import LogError
 from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.totals import total_named
-from ariac_score.testing import kitting_trial
 from ariac_score.testing.doctor import ailments
 from ariac_score.testing.inventory import ALL_GROUPS, brought
 from ariac_score.trial.work import Item
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/what-a-plugin-may-bring.md").read_text(encoding="utf-8")

@@ -11,7 +11,8 @@ import pytest
 
 from ariac_score import load_result, score_trial
 from ariac_score.cli import main
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 Records = list[dict[str, Any]]
 HONEST = 19.761677

@@ -12,13 +12,8 @@ import pytest
 
 from ariac_score import as_json, load_result, score_trial
 from ariac_score.cli import main
-from ariac_score.testing import (
-    NEAR_MISS,
-    SNAPSHOT_SIGNALS,
-    kitting_trial,
-    write_bag,
-    write_trial_log,
-)
+from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, write_bag, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 ROOT = Path(__file__).parents[1]

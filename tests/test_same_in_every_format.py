@@ -19,8 +19,9 @@ import cramjam
 import pytest
 
 from ariac_score.cli import main
-from ariac_score.testing import Recorded, kitting_trial, write_bag
+from ariac_score.testing import Recorded, write_bag
 from ariac_score.testing.repacked import McapForm, repacked
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 MESSAGES = recorded_messages(kitting_trial(duration_s=33.0))

@@ -18,9 +18,10 @@ from ariac_score.logs import gazebo, jsonl
 from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.cohort_file import load_cohort
 from ariac_score.results.result_file import as_json
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.trial.channels import LogMap
 from ariac_score_ariac.official.ariac_text import MAX_LINE_CHARS, PerformanceLogReader
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_rml.traces import read_events
 
 ROOT = Path(__file__).parents[1]

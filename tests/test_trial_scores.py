@@ -17,19 +17,12 @@ from hypothesis import strategies as st
 
 from ariac_score import (
     Measured,
-    Order,
     Pinned,
     Pose,
-    Product,
     Provenance,
     Result,
     RuleSet,
-    Submission,
-    Task,
-    TeamSetup,
-    Tray,
     Trial,
-    WantedProduct,
     as_json,
     load_result,
     load_rule_set,
@@ -39,6 +32,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 EVALUATION, DOCUMENTED = "ariac2024.evaluation", "ariac2024.as_documented"
 PLACE = Pose((-0.1, 0.1, 0.0))
@@ -82,13 +76,13 @@ def trial_of(team: Team) -> Trial:
             extra = tuple(Product("pump_red", Pose((0.1, 0.1, 0.0))) for _ in range(more))
             tray = Tray("kit_tray_02" if kit.wrong else "kit_tray_01")
             at_s = ANNOUNCED_S + kit.duration_s
-            submissions.append(Submission(name, at_s, extra + first, "agv1", "warehouse", tray))
+            submissions.append(KitSubmission(name, at_s, extra + first, "agv1", "warehouse", tray))
     return Trial(
         "t",
         tuple(orders),
         tuple(sorted(submissions, key=lambda s: s.submitted_s)),
         witnessed=frozenset({"submissions", "part_assembled"}),
-        team=TeamSetup("", None, team.cost),
+        records=(SensorBill(team.cost),),
     )
 
 

@@ -10,19 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.documents.schema import refuse_no_schema
-from ariac_score.trial.channels import KitMap, LogMap
+from ariac_score.trial.channels import LogMap
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.derive import DerivedSignal
 from ariac_score.trial.events import Event
-from ariac_score.trial.kits import ModelTrack
-from ariac_score.trial.model import Body, Kit, KitRecord, LogDefect, Order, Submission, Trial
+from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.tracks import ModelTrack
 from ariac_score.trial.vocabulary import Quantity
+from ariac_score.trial.work import Record, Submission, WorkItem
 
 __all__ = [
     "GROUPS",
@@ -30,13 +31,13 @@ __all__ = [
     "VALUE_GROUPS",
     "Charting",
     "Competition",
+    "Decoded",
     "Decoder",
     "EventMonitor",
     "EventWatch",
     "FactSchemas",
     "HoldsRuns",
     "InstantVerdict",
-    "KitFinder",
     "Likeness",
     "Likening",
     "LogDescription",
@@ -46,11 +47,13 @@ __all__ = [
     "OnlineWatch",
     "Reader",
     "ReaderFacts",
+    "RecordKind",
     "ReportPanel",
     "Resolving",
     "Rule",
     "SignalNeed",
     "TopicDescription",
+    "TrackReader",
     "Wanted",
     "reader_facts",
 ]
@@ -292,11 +295,15 @@ def _silent(_done: float) -> None:
     """Take the place of a progress bar."""
 
 
+Decoded: TypeAlias = WorkItem | Submission | Event | Record
+"""What a message or a line of a log can mean."""
+
+
 @runtime_checkable
 class Decoder(Protocol):
     """Understands the messages of one competition: entry-point group `ariac_score.decoders`."""
 
-    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
+    def decode(self, msgtype: str, message: object, t_s: float) -> Decoded | None:
         """What a message means; `None` when it means nothing.
 
         Args:
@@ -308,25 +315,23 @@ class Decoder(Protocol):
 
 
 @runtime_checkable
-class KitFinder(Protocol):
-    """Finds what lay on trays in the poses of models: entry-point group `ariac_score.kits`.
+class TrackReader(Protocol):
+    """Sees more in the poses of models than motion: entry-point group `ariac_score.tracks`.
 
-    Which model is a product, and which names mean a faulty one, only the competition knows.
+    Such as what lay where: which model is of interest, and what its place means, only the competition
+    knows. A log map names it, with parameters, in its section `tracks`.
     """
 
-    def follows(self, name: str, kits: KitMap) -> bool:
-        """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
+    def follows(self, name: str) -> bool:
+        """Whether the poses of a model or link, by its scoped name, are needed."""
         ...
 
-    def record(
-        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, pauses: bool, until_s: float
-    ) -> KitRecord:
-        """What the poses of one log show of kits.
+    def record(self, t_s: FloatArray, tracks: Iterable[ModelTrack], pauses: bool, until_s: float) -> Record:
+        """What the poses of one log show, for the checks of the competition.
 
         Args:
             t_s: Time of each frame, shape (n,), s of trial time, as recorded.
             tracks: The models and links for which `follows` is true.
-            kits: The section of the log map.
             pauses: Whether the log leaves out what does not change, so that its last frame
                 holds until the next one, however late that is.
             until_s: Nothing is known after this time, s; infinite where the log shows everything.
@@ -335,15 +340,45 @@ class KitFinder(Protocol):
 
 
 @runtime_checkable
-class Competition(Protocol):
-    """What a competition knows about its editions: entry-point group `ariac_score.competitions`."""
+class RecordKind(Protocol):
+    """Reads one kind of record of JSON-lines logs: entry-point group `ariac_score.record_kinds`.
 
-    def unknown_products(self, orders: Sequence[Order], edition: int) -> Iterable[LogDefect]:
-        """A defect for each product that is ordered although that edition has none of its type.
+    The name of the entry point is the kind, the word that stands under `record` in a line.
+    """
 
-        Nothing where the edition is not one of this competition.
+    @property
+    def schema(self) -> Mapping[str, Any]:
+        """JSON schema of the record; objects closed, so that a misspelt key is an error."""
+        ...
+
+    def read(self, record: Mapping[str, Any], note: Callable[[str], None]) -> Decoded:
+        """What a record that keeps the schema means.
+
+        Args:
+            record: As written.
+            note: Takes what was left out of it, in words, such as a pose that is not usable.
         """
         ...
+
+
+@runtime_checkable
+class Competition(Protocol):
+    """What a competition knows of itself: entry-point group `ariac_score.competitions`.
+
+    A class, built with the parameters that a rule set (`competition:`) or a log map gives. All of it is
+    optional; what a class has is used:
+
+    - `levels`: names of its levels of work, innermost first, the last one `trial`;
+    - `facts`: for each level the facts that its items may have: name to `number` or `text`;
+    - `words`: for each level what people call it, singular and plural;
+    - `join(merged, parts, file)`: see `ariac_score.trial.build.Joining`;
+    - `complete(trial)`: the trial with what follows from all its logs together;
+    - `defects(trial)`: what is wrong with a trial although its logs are whole, as `LogDefect`s;
+    - `unlikely(likeness)`: why a file that looks so cannot be its own, in a few words; else empty;
+    - `printed_level(name)`, `place(item, level, name)`: for the audit of official texts, the level of what a
+      text calls by a name of its own, its path inside an outermost item, and why there is none;
+    - `example_trial(seed)`, `made_trial()`, `recorded_messages(trial, motion)`: see `ariac_score.testing`.
+    """
 
 
 @dataclass(frozen=True)
@@ -358,7 +393,7 @@ class Wanted:
         run: Which run, by its number, of a file that holds several; `None`: the only one.
         jobs: Threads a reader may use for what does not depend on their number; 0: as many as
             there are processors.
-        kits: Finds kits in poses of models, where the log map says where trays lie.
+        tracks: Sees more in poses of models than motion, where the log map names such a plugin.
     """
 
     log_map: LogMap
@@ -367,7 +402,7 @@ class Wanted:
     progress: Callable[[float], None] = _silent
     run: int | None = None
     jobs: int = 0
-    kits: KitFinder | None = None
+    tracks: TrackReader | None = None
 
 
 @dataclass(frozen=True)
@@ -397,11 +432,11 @@ class Likeness:
 
     Attributes:
         words: Complete `it looks like …`. No value of the file is part of them: files hold access tokens.
-        editions: The years that use this form; empty where the form does not say.
+        used_by: Who uses this form, in the competition's words, such as years; empty where it does not say.
     """
 
     words: str
-    editions: frozenset[int] = frozenset()
+    used_by: frozenset[str] = frozenset()
 
 
 @runtime_checkable
@@ -507,7 +542,8 @@ GROUPS: Mapping[str, type] = {
     "ariac_score.monitors": Monitor,
     "ariac_score.readers": Reader,
     "ariac_score.decoders": Decoder,
-    "ariac_score.kits": KitFinder,
+    "ariac_score.tracks": TrackReader,
+    "ariac_score.record_kinds": RecordKind,
     "ariac_score.competitions": Competition,
 }
 """Entry-point groups of classes, and the contract of each."""

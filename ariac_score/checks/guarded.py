@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from ariac_score.checks.contracts import (
+    Decoded,
     Decoder,
     HoldsRuns,
     Likeness,
@@ -20,7 +21,8 @@ from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.installed.captured_output import quiet
 from ariac_score.trial.events import Event
-from ariac_score.trial.model import Kit, Order, Submission, Trial
+from ariac_score.trial.model import Trial
+from ariac_score.trial.work import Record, Submission, WorkItem
 
 __all__ = ["GuardedDecoder", "GuardedReader", "broken", "open_readers"]
 
@@ -136,7 +138,7 @@ class GuardedDecoder:
     def __init__(self, plugin: Plugin, decoder: Decoder) -> None:
         self.plugin, self.decoder = plugin, decoder
 
-    def decode(self, msgtype: str, message: object, t_s: float) -> Order | Submission | Kit | Event | None:
+    def decode(self, msgtype: str, message: object, t_s: float) -> Decoded | None:
         """What the decoder makes of a message.
 
         Raises:
@@ -152,7 +154,7 @@ class GuardedDecoder:
             if _misfits(message, cause):
                 raise ValueError(f"its fields are not those of a {msgtype}: {cause}") from cause
             raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
-        if decoded is not None and not isinstance(decoded, Order | Submission | Kit | Event):
+        if decoded is not None and not isinstance(decoded, WorkItem | Submission | Event | Record):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
         return decoded
 

@@ -267,6 +267,8 @@ def _as_type(value: Any, wanted: Any) -> Any:
         return MappingProxyType(
             {_as_type(key, get_args(wanted)[0]): _as_type(v, get_args(wanted)[1]) for key, v in value.items()}
         )
+    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
+        return _as_dataclass(value, wanted)
     # YAML writes 1 for 1.0; `true` is an int to Python, but no number to a person.
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         if not -_LARGEST <= value <= _LARGEST:  # NaN keeps neither
@@ -480,3 +482,27 @@ def package_sha256(package: str) -> str:
         digest.update(f"{file.relative_to(root).as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
+
+
+def _as_dataclass(value: Any, kind: type) -> Any:
+    """A mapping as the class of a parameter that has parameters of its own.
+
+    Raises:
+        ValueError: A key is unknown or missing, or a value is not of its type.
+    """
+    fields = parameters_of(kind)
+    if not isinstance(value, dict):
+        raise ValueError(f"{value!r} is not a mapping with {', '.join(fields)}")
+    for name in value:
+        if name not in fields:
+            raise ValueError(f"key {name!r} is unknown; {did_you_mean(str(name), fields, what='keys')}")
+    missing = [name for name, wanted in fields.items() if name not in value and wanted.default == "none"]
+    if missing:
+        raise ValueError(f"key {missing[0]!r} is missing")
+    values = {}
+    for name, given in value.items():
+        try:
+            values[name] = _as_type(given, fields[name].type)
+        except ValueError as cause:
+            raise ValueError(f"{name}: {cause}") from None
+    return kind(**values)

@@ -16,8 +16,8 @@ from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
-from ariac_score.trial.model import orders_of
 from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.work import Fact, WorkItem, announced_s
 
 EXIT_DAMAGED = 6
 
@@ -102,10 +102,12 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     except LogError as error:
         return ["", f"As a trial: {error} — {error.hint}"]
     lines = ["", f"Under log map {mapping.id}"]
-    for order in orders_of(trial):
-        when = "unknown" if order.announced_s is None else f"{order.announced_s:.3f} s"
-        tasks = ", ".join(f"{plain(t.id)} ({t.kind}, {len(t.products)} products)" for t in order.tasks)
-        lines.append(f"  order {plain(order.id)}, priority {order.priority}, announced {when}: {tasks}")
+    for item in trial.work:
+        t_s = announced_s(item)
+        facts = "".join(f", {plain(name)} {_said(value)}" for name, value in sorted(item.facts.items()))
+        announced = f"announced {'at an unknown time' if t_s is None else f'{t_s:.3f} s'}"
+        inside = ", ".join(map(_inside, item.items)) or "nothing inside"
+        lines.append(f"  {plain(item.level)} {plain(item.id)}{facts}, {announced}: {inside}")
     lines.append(f"  submissions: {len(trial.submissions)}")
     lines += [f"  {body.kind} {plain(body.id)}, {len(body.links)} links" for body in trial.bodies]
     window = trial.window
@@ -120,3 +122,16 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
         lines += ["", f"Under rule set {prepared.rule_set.id}"]
         lines += [f"  {check:<20} {plain(answer)}" for check, answer in decidable(trial, prepared)]
     return lines
+
+
+def _said(value: Fact) -> str:
+    return "absent" if value is None else plain(value) if isinstance(value, str) else f"{value:g}"
+
+
+def _inside(item: WorkItem) -> str:
+    """An item inside another, in words."""
+    more = [words] if (words := getattr(item, "words", "")) else []
+    more += (
+        [f"{len(item.items)} {item.items[0].level}{'s' if len(item.items) > 1 else ''}"] if item.items else []
+    )
+    return plain(item.id) + (f" ({plain(', '.join(more))})" if more else "")

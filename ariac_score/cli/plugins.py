@@ -23,7 +23,7 @@ from ariac_score.terminal.style import plain, style_for
 from ariac_score.testing.contract import BUDGET_S, contract_checks
 from ariac_score.testing.doctor import ailments
 from ariac_score.testing.inventory import Brought, brought, brought_named, page_of
-from ariac_score.testing.made import made_trial
+from ariac_score.testing.made import made_trial_for
 from ariac_score.testing.pages import example_parameters
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.vocabulary import QUANTITIES
@@ -238,7 +238,11 @@ def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
         if arguments.trial is None:
             raise UsageError("a reader is checked with a log that it reads", hint="give one with --trial")
         return arguments.trial
-    return made_trial() if arguments.trial is None else _read(arguments, orders=kind == "rules")
+    return (
+        made_trial_for(plugin, Registry())
+        if arguments.trial is None
+        else _read(arguments, orders=kind == "rules")
+    )
 
 
 def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:

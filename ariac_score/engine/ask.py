@@ -18,10 +18,11 @@ from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import MissingSignalError, PluginError
 from ariac_score.installed.captured_output import quiet
+from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
-from ariac_score.trial.work import items_at
+from ariac_score.trial.work import WorkItem, paths_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
@@ -185,7 +186,7 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
-    same = (trial.signals, trial.facts, trial.team, trial.official, trial.kits)
+    same = (trial.signals, trial.facts, trial.team, trial.official, trial.records)
     arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
     try:
         small_mark = hash(small)
@@ -206,18 +207,26 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
     if plugin.group != "ariac_score.rules":
         yield from _not_none(check.watch(trial))
         return
-    items = list(items_at(trial.work, getattr(check, "level", "")))
+    items = list(paths_at(trial.work, getattr(check, "level", "")))
     if not items:
         yield Finding.not_applicable("trial", "no order was announced")
-    for order in items:
-        if getattr(order, "outline", False) and not getattr(check, "reads_official", False):
-            yield Finding.inconclusive(order.id, "what it asked for is not recorded, only its official score")
+    for path, item in items:
+        if getattr(item, "outline", False) and not getattr(check, "reads_official", False):
+            yield Finding.inconclusive(path, "what it asked for is not recorded, only its official score")
             continue
         spoken = False
-        for finding in _not_none(check.judge(trial, order)):
+        for finding in _not_none(check.judge(trial, item)):
             spoken = True
-            yield finding
-        if not spoken and not order.items:
-            yield Finding.not_applicable(order.id, "the order asks for nothing")
+            yield _inside(finding, path, item)
+        if not spoken and not item.items and not getattr(check, "level", ""):
+            yield Finding.not_applicable(path, f"the {item.level} asks for nothing")
         elif not spoken:
-            raise broken(plugin, f"says nothing about {order.id}, and silence is not a verdict", of=name)
+            raise broken(plugin, f"says nothing about {path}, and silence is not a verdict", of=name)
+
+
+def _inside(finding: Any, path: str, item: WorkItem) -> Any:
+    """A finding about an item by its own id, as one about the path of the item."""
+    # A rule is given the item alone, which does not say what it is inside.
+    if path == item.id or not isinstance(finding, Finding) or not is_inside(finding.subject, item.id):
+        return finding
+    return replace(finding, subject=path + finding.subject[len(item.id) :])

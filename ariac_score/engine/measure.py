@@ -144,7 +144,8 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
         moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    return sketch_of(trial, charts, moments)
+    words = getattr(prepared.competition.check, "words", {}) if prepared.competition else {}
+    return sketch_of(trial, charts, moments, words)
 
 
 def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:

@@ -13,7 +13,7 @@ from threading import Event
 
 from ariac_score.checks.registry import Plugin, package_sha256
 from ariac_score.engine.prepared import Prepared
-from ariac_score.engine.read import kit_plugin
+from ariac_score.engine.read import COMPETITIONS, TRACKS
 from ariac_score.errors import LogError, PluginError
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
@@ -49,27 +49,24 @@ def hashing_files(bundle: Bundle, *, threaded: bool) -> Iterator[Callable[[], tu
             stopped.set()
 
 
-def provenance_of(
-    bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared, competitions: Sequence[Plugin] = ()
-) -> Provenance:
+def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared) -> Provenance:
     """What a result rests on: its inputs, its rules, and the packages of all plugins that took part.
 
     Args:
         bundle: What was read.
         inputs: Its files with their hashes.
         prepared: By what it was scored.
-        competitions: The competitions that named defects of the trial.
     """
     rule_set, log_map, registry = prepared.rule_set, prepared.log_map, prepared.registry
-    plugins = [*prepared.plugins, *competitions]
+    plugins = [*prepared.plugins]
     plugins += [registry.find("ariac_score.readers", part.reader) for part in bundle.parts]
     plugins += [
         registry.find("ariac_score.decoders", channel.decoder)
         for channel in log_map.channels
         if channel.decoder
     ]
-    finder = kit_plugin(log_map, registry)
-    plugins += [finder] if finder else []
+    named = {TRACKS: log_map.tracks, COMPETITIONS: log_map.competition}
+    plugins += [registry.find(group, use.use) for group, use in named.items() if use]
     code = {Code(*_package(plugin), plugin.code_sha256()) for plugin in plugins}
     return Provenance(
         inputs=inputs,
@@ -83,7 +80,7 @@ def provenance_of(
 def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
     """All code a measurement may depend on: distribution, version, package, SHA-256.
 
-    That is the engine, the plugins of the checks, and every reader, decoder, kit finder and
+    That is the engine, the plugins of the checks, and every reader, decoder, track reader, record kind and
     competition: which of them take part is known only when the log is read.
     """
     certain = {_package(plugin) for plugin in prepared.plugins}
@@ -99,7 +96,8 @@ def code_of(prepared: Prepared) -> tuple[tuple[str, str, str, str], ...]:
 _PERHAPS = (
     "ariac_score.readers",
     "ariac_score.decoders",
-    "ariac_score.kits",
+    "ariac_score.tracks",
+    "ariac_score.record_kinds",
     "ariac_score.competitions",
 )
 """Groups of plugins of which the log decides whether they take part."""

@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
-from ariac_score.checks.contracts import Competition, Decoder, KitFinder, Likening, Reader, Wanted
+from ariac_score.checks.contracts import Decoder, Likening, Reader, TrackReader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import refuse_other_facts
-from ariac_score.engine.prepared import Prepared
+from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.errors import (
     DataFileError,
     LogMapError,
     NothingToScoreError,
     PluginError,
+    RuleSetError,
     RunEndedError,
+    ScoreError,
 )
+from ariac_score.installed.captured_output import quiet
 from ariac_score.logs.bundle import Bundle, find_parts
-from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials
-from ariac_score.trial.channels import LogMap
+from ariac_score.trial.channels import LogMap, PluginUse
 from ariac_score.trial.derive import source_quantities
-from ariac_score.trial.kits import with_contents
-from ariac_score.trial.model import LogDefect, TeamSetup, Trial, orders_of
+from ariac_score.trial.model import TeamSetup, Trial
 
 __all__ = [
+    "built_of",
+    "call_hook",
+    "competition_of",
     "find_trial",
-    "kit_plugin",
     "no_progress",
     "plugins_of_log_map",
     "read_needed",
     "read_trial",
-    "refuse_other_years",
+    "refuse_unlikely",
     "topics_read",
+    "with_defects",
     "with_names",
-    "with_unknown_products",
 ]
 
+
+TRACKS, COMPETITIONS = "ariac_score.tracks", "ariac_score.competitions"
 
 Progress = Callable[[float], None]
 
@@ -54,20 +62,24 @@ def no_progress(_done: float) -> None:
     """Show nothing."""
 
 
-def refuse_other_years(bundle: Bundle, readers: Mapping[str, Reader], rule_set: RuleSet) -> None:
-    """Refuse a configuration of another edition, in which the same keys mean other things.
+def refuse_unlikely(bundle: Bundle, readers: Mapping[str, Reader], prepared: Prepared) -> None:
+    """Refuse a file that looks like one of another competition's, in which the same keys mean other things.
 
     Raises:
-        DataFileError: Saying what the configuration looks like.
+        DataFileError: Saying what the file looks like.
     """
-    for part in bundle.parts if rule_set.edition is not None else ():
+    named = prepared.competition
+    if named is None or not hasattr(named.check, "unlikely"):
+        return
+    for part in bundle.parts:
         reader = readers[part.reader]
         likeness = reader.likeness(part.path) if isinstance(reader, Likening) else None
-        if likeness and likeness.editions and rule_set.edition not in likeness.editions:
+        own = call_hook(named.plugin, named.check.unlikely, likeness) if likeness else ""
+        if likeness and own:
             raise DataFileError(
-                f"it looks like {likeness.words}, and {rule_set.id} is for {rule_set.edition}",
+                f"it looks like {likeness.words}, and {prepared.rule_set.id} is for {own}",
                 file=part.path,
-                hint="score under the rules of its year ('rules list'), or give the right configuration",
+                hint="score under the rules it was made for ('rules list'), or give the right configuration",
             )
 
 
@@ -77,38 +89,31 @@ def with_names(trial: Trial, trial_id: str, team: str) -> Trial:
     return replace(trial, id=trial_id or trial.id, team=setup)
 
 
-def with_unknown_products(
-    trial: Trial, rule_set: RuleSet, registry: Registry
-) -> tuple[Trial, tuple[Plugin, ...]]:
-    """The trial with unknown product types among its defects, and the competitions that named them.
-
-    Where its reader has named them already, no competition is asked.
+def with_defects(trial: Trial, prepared: Prepared) -> Trial:
+    """The trial with what its competition finds wrong with it, unless its reader has named such defects.
 
     Raises:
-        PluginError: A competition is provided twice, or one that the rules come with is broken.
+        PluginError: The competition raised.
     """
-    named = any(defect.kind == "unknown_product_type" for defect in trial.log_defects)
-    if named or rule_set.edition is None:
-        return trial, ()
-    own = {rule_set.plugin(name, registry).distribution for name in rule_set.checks}
-    unknown: dict[Plugin, tuple[LogDefect, ...]] = {}
-    for name in registry.names("ariac_score.competitions"):
-        plugin = registry.find("ariac_score.competitions", name)
-        try:
-            unknown[plugin] = _unknown_products(plugin, trial, rule_set.edition)
-        except PluginError:
-            # One that brings no check of these rules is about other editions, of which it would say nothing.
-            if plugin.distribution in own:
-                raise
-    defects = [defect for found in unknown.values() for defect in found]
-    takes_part = tuple(plugin for plugin, found in unknown.items() if found)
-    return replace(trial, log_defects=(*trial.log_defects, *defects)), takes_part
+    named = prepared.competition
+    if named is None or not hasattr(named.check, "defects"):
+        return trial
+    found = tuple(call_hook(named.plugin, named.check.defects, trial))
+    known = {defect.kind for defect in trial.log_defects}
+    return replace(trial, log_defects=(*trial.log_defects, *(d for d in found if d.kind not in known)))
 
 
-def _unknown_products(plugin: Plugin, trial: Trial, edition: int) -> tuple[LogDefect, ...]:
-    competition: Competition = plugin.build({})
+def call_hook(plugin: Plugin, hook: Callable[..., Any], *args: object) -> Any:
+    """What a competition answers.
+
+    Raises:
+        PluginError: It raised anything but an error for the user.
+    """
     try:
-        return tuple(competition.unknown_products(orders_of(trial), edition))
+        with quiet(plugin.origin):
+            return hook(*args)
+    except ScoreError:
+        raise
     except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
 
@@ -148,6 +153,7 @@ def read_trial(
     progress: Progress = no_progress,
     jobs: int = 0,
     orders: bool = True,
+    competition: PreparedCheck | None = None,
 ) -> Trial:
     """The one trial that the parts of a bundle record.
 
@@ -159,13 +165,18 @@ def read_trial(
         quantities: The quantities that checks need; what they derive from is read too.
         progress: Called with the share done.
         jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
-        orders: Whether a trial without any order is refused.
+        orders: Whether a trial without any work is refused.
+        competition: Joins what several logs say; by default the one that the log map names.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
-        NothingToScoreError: There is configuration but no record of a trial, or no order.
+        NothingToScoreError: There is configuration but no record of a trial, or no work.
     """
-    decoders, kits = plugins_of_log_map(log_map, registry)
+    decoders, tracks = plugins_of_log_map(log_map, registry)
+    competition = competition or competition_of(log_map, registry)
+    own = competition.check if competition else None
+    if competition and hasattr(own, "join"):
+        own = _Guarded(competition)
     _refuse_without_record(bundle)
     sources = source_quantities(quantities)
     trials = []
@@ -174,10 +185,11 @@ def read_trial(
         def step(done: float, number: int = number) -> None:
             progress((number + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs, kits)
+        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs, tracks)
         trials.append(readers[part.reader].read(part.path, wanted))
-    trial = merge_trials(trials[0].id if len(trials) == 1 else bundle.id, trials, file=bundle.root)
-    # Before the orders are missed: a run that crashed has none, and a ranking counts it as 0.
+    name = trials[0].id if len(trials) == 1 else bundle.id
+    trial = merge_trials(name, trials, file=bundle.root, competition=own)
+    # Before the work is missed: a run that crashed has none, and a ranking counts it as 0.
     if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
         raise RunEndedError(
             ENDED_WITHOUT_SCORE[trial.official.outcome],
@@ -185,8 +197,8 @@ def read_trial(
             file=bundle.root,
             hint="repeat the run; a ranking counts it as 0, by name",
         )
-    # After merging: submissions may come from one log and the poses of what lay on trays from another.
-    trial = with_contents(trial, max_age_s=log_map.kits.max_age_s)
+    if competition and hasattr(competition.check, "complete"):
+        trial = call_hook(competition.plugin, competition.check.complete, trial)
     if orders and not trial.work:
         raise NothingToScoreError(
             "no order was found",
@@ -239,6 +251,8 @@ def read_needed(
         progress=progress,
         jobs=jobs,
         orders=prepared.rule_set.about_work if orders is None else orders,
+        competition=competition_of(prepared.log_map, prepared.registry, prepared.rule_set.competition)
+        or prepared.competition,
     )
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas
@@ -246,13 +260,14 @@ def read_needed(
     return trial
 
 
-def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], KitFinder | None]:
-    """The decoders that a log map names, by name, and what finds kits for it.
+def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], TrackReader | None]:
+    """The decoders that a log map names, by name, and what reads tracks for it.
 
     Raises:
         LogMapError: One of them is not installed, or cannot be built.
     """
-    return _decoders(log_map, registry), _kit_finder(log_map, registry)
+    tracks = built_of(log_map.tracks, TRACKS, registry)
+    return _decoders(log_map, registry), tracks.check if tracks else None
 
 
 def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
@@ -267,36 +282,66 @@ def _decoders(log_map: LogMap, registry: Registry) -> dict[str, Decoder]:
     return decoders
 
 
-def kit_plugin(log_map: LogMap, registry: Registry) -> Plugin | None:
-    """The plugin that finds kits in poses, where the log map says where trays lie.
+def built_of(
+    named: PluginUse | None, group: str, registry: Registry, more: Mapping[str, Any] = MappingProxyType({})
+) -> PreparedCheck | None:
+    """A plugin that a log map names, built; `None` when it names none.
 
-    A log map need not name it where only one is installed.
+    Args:
+        named: The section of the log map.
+        group: Entry-point group.
+        registry: The installed plugins.
+        more: Parameters that a rule set adds.
 
     Raises:
-        LogMapError: It is named by none, or not installed.
+        LogMapError: It is not installed, or refuses its parameters.
     """
-    if not log_map.kits.trays:
+    if named is None:
         return None
-    names = registry.names("ariac_score.kits")
-    if not log_map.kits.use and len(names) != 1:
+    try:
+        plugin = registry.find(group, named.use)
+        built = plugin.build({**named.parameters, **more}, place=lambda name: named.place.get(name, ""))
+    except (PluginError, RuleSetError) as error:
+        place = getattr(error, "place", "") or named.place.get("", "")
+        raise LogMapError(error.cause, file=named.file, place=place, hint=error.hint) from error
+    return PreparedCheck(named.use, plugin, built, ())
+
+
+def competition_of(log_map: LogMap, registry: Registry, judged: Check | None = None) -> PreparedCheck | None:
+    """The competition whose logs a log map reads, with the parameters of the rule set that judges them.
+
+    Args:
+        log_map: Whose logs they are.
+        registry: The installed plugins.
+        judged: The competition that the rule set names.
+
+    Raises:
+        LogMapError: It is not installed, or it is another one than that of the rule set.
+    """
+    named = log_map.competition
+    if named and judged and judged.use != named.use:
         raise LogMapError(
-            f"'kits' does not say which plugin finds them; installed: {', '.join(names) or 'none'}",
-            file=log_map.id,
-            hint="add 'use:' to the section, with the name of one of group ariac_score.kits",
+            f"its logs are of the competition {named.use!r}, and the rule set is for {judged.use!r}",
+            file=named.file,
+            place=named.place.get("", ""),
+            hint="give a log map of the same competition",
         )
-    try:
-        return registry.find("ariac_score.kits", log_map.kits.use or names[0])
-    except PluginError as error:
-        raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
+    return built_of(named, COMPETITIONS, registry, judged.parameters if judged else {})
 
 
-def _kit_finder(log_map: LogMap, registry: Registry) -> KitFinder | None:
-    plugin = kit_plugin(log_map, registry)
-    try:
-        finder: KitFinder | None = plugin.build({}) if plugin else None
-    except PluginError as error:
-        raise LogMapError(error.cause, file=log_map.id, hint=error.hint) from error
-    return finder
+class _Guarded:
+    """A competition whose failures name it."""
+
+    def __init__(self, competition: PreparedCheck) -> None:
+        self._competition = competition
+
+    def join(self, merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
+        """The merged trial with its work and submissions."""
+        named = self._competition
+        trial = call_hook(named.plugin, named.check.join, merged, parts, file)
+        if not isinstance(trial, Trial):
+            raise broken(named.plugin, f"joins logs to a {type(trial).__name__} instead of a Trial")
+        return trial
 
 
 def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:

@@ -25,9 +25,9 @@ from ariac_score.engine.read import (
     no_progress,
     read_needed,
     read_trial,
-    refuse_other_years,
+    refuse_unlikely,
+    with_defects,
     with_names,
-    with_unknown_products,
 )
 from ariac_score.engine.settings import settings_of
 from ariac_score.errors import LogError, UsageError
@@ -149,19 +149,18 @@ def score_trial(
     bundle, readers = find_trial(path, registry)
     elsewhere = [path_of(one, "the path of a configuration") for one in also]
     bundle = with_parts(bundle, elsewhere, path_of(root or path), readers, binding=binding)
-    refuse_other_years(bundle, readers, rule_set)
+    refuse_unlikely(bundle, readers, prepared)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
         trial = with_names(trial, trial_id, team)
-        trial, competitions = with_unknown_products(trial, rule_set, registry)
-        trial = prepared.derived(trial)
+        trial = prepared.derived(with_defects(trial, prepared))
         measured = measure_trial(trial, prepared, known=known)
         sketch = sketch_trial(trial, prepared, measured)
         inputs = hashes()
     refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
-    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, competitions))
+    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared))
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:
@@ -169,11 +168,12 @@ def check_configuration(path: Path, rule_set: RuleSet) -> None:
 
     Raises:
         LogError: No reader recognises it, or it is damaged.
-        DataFileError: It is of another edition.
+        DataFileError: It looks like one of another competition.
     """
-    readers, _ = open_readers(Registry())
+    registry = Registry()
+    readers, _ = open_readers(registry)
     bundle = with_parts(Bundle(path.stem, path, ()), [path], path, readers)
-    refuse_other_years(bundle, readers, rule_set)
+    refuse_unlikely(bundle, readers, prepare(rule_set, registry=registry))
     (part,) = bundle.parts
     if part.role != "trial_config":
         raise LogError(

@@ -34,9 +34,9 @@ from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, witho
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.clock import SIMULATED_TIME, Clock
-from ariac_score.trial.kits import ModelTrack
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.tracks import ModelTrack
 
 __all__ = ["Entity", "GazeboStateReader", "GazeboStates", "read_states"]
 
@@ -718,15 +718,15 @@ class GazeboStateReader:
             LogError: A complete chunk is corrupt, there is not one whole frame, or
                 time runs back so far that the file holds two recordings.
         """
-        models, kits, finder = wanted.log_map.models, wanted.log_map.kits, wanted.kits
+        models, reader = wanted.log_map.models, wanted.tracks
         positions = "position" in wanted.quantities
 
-        def of_kits(entity: Entity) -> bool:
-            return finder is not None and finder.follows(entity.scoped, kits)
+        def of_tracks(entity: Entity) -> bool:
+            return reader is not None and reader.follows(entity.scoped)
 
         states = read_states(
             path,
-            lambda entity: of_kits(entity) or (positions and _is_followed(entity, models)),
+            lambda entity: of_tracks(entity) or (positions and _is_followed(entity, models)),
             progress=wanted.progress,
         )
         builder = TrialBuilder(path.stem, file=path, clock=CLOCK)
@@ -738,12 +738,12 @@ class GazeboStateReader:
             _add_entity(builder, states, states.entities[key], models, positions=positions)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
-        if finder is not None:
+        if reader is not None:
             tracks = [
-                _track(states, entity) for _, entity in sorted(states.entities.items()) if of_kits(entity)
+                _track(states, entity) for _, entity in sorted(states.entities.items()) if of_tracks(entity)
             ]
             until_s = float(t_s.max()) if states.cut_off else math.inf
-            builder.kit_records.append(finder.record(t_s, tracks, kits, pauses=True, until_s=until_s))
+            builder.records.append(reader.record(t_s, tracks, pauses=True, until_s=until_s))
         return builder.build()
 
 

@@ -9,33 +9,24 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
+from ariac_score.checks.contracts import LogDescription, ReaderFacts, RecordKind, TopicDescription, Wanted
+from ariac_score.checks.registry import Registry
 from ariac_score.documents.json_pairs import without_repeats
-from ariac_score.documents.schema import schema_errors
+from ariac_score.documents.schema import schema_errors, value_errors
 from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
-from ariac_score.trial.events import Event
-from ariac_score.trial.model import (
-    Body,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    TeamSetup,
-    Tray,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.events import Event, EventNumber
+from ariac_score.trial.model import Body, TeamSetup, Trial
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import (
     ENVIRONMENT,
@@ -47,6 +38,7 @@ from ariac_score.trial.vocabulary import (
     subject_of,
     subject_shape,
 )
+from ariac_score.trial.work import Item, Submission
 
 __all__ = ["FORMAT", "JsonLinesReader"]
 
@@ -60,7 +52,8 @@ _UNNAMED_CLOCK = Clock("as written in the log")
 
 Record = dict[str, Any]
 
-_KINDS = ("trial", "body", "order", "submission", "event", "sample", "end")
+_KINDS = ("trial", "body", "item", "handed_in", "event", "sample", "end")
+_GROUP = "ariac_score.record_kinds"
 
 
 @dataclass
@@ -71,16 +64,12 @@ class _Columns:
     values: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
 
-Note = Callable[[str], None]
-"""Takes the reason why a pose is left out."""
-
-
 class JsonLinesReader:
     """Reads `.jsonl` trial logs in the format of `schemas/trial_log.schema.json`.
 
     Reads:
-        One record on each line: bodies, orders, submissions, events, and samples of any
-        signal with its time in s of trial time.
+        One record on each line: bodies, work, what was handed in, events, samples of any signal with
+        its time in s of trial time, and the kinds of records that installed competitions bring.
     Refuses:
         A line that is no record, a value of a wrong kind, or a file that breaks off: its
         last record says how many there are. A repeated or disordered stamp is counted.
@@ -106,7 +95,7 @@ class JsonLinesReader:
         times: dict[str, list[float]] = defaultdict(list)
         clock = damage = ""
         try:
-            for record in _records(path):
+            for record in _records(path, _Kinds()):
                 clock = record.get("clock", clock) if record["record"] == "trial" else clock
                 for name in record["values"] if record["record"] == "sample" else [f"({record['record']})"]:
                     times[name].append(record.get("t_s") or 0.0)
@@ -133,7 +122,8 @@ class JsonLinesReader:
         units: dict[str, str] = {}
         size = max(path.stat().st_size, 1)
         low, high = math.inf, -math.inf
-        for done, record in enumerate(_records(path)):
+        kinds = _Kinds()
+        for done, record in enumerate(_records(path, kinds)):
             t_s = record.get("t_s")
             if t_s is not None and math.isfinite(t_s):
                 low, high = min(low, t_s), max(high, t_s)
@@ -144,7 +134,10 @@ class JsonLinesReader:
                         columns.values[name].append(value)
             else:
                 units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
-                _take(builder, record, f"{path.name}, record {done + 1}")
+                try:
+                    _take(builder, record, kinds, f"{path.name}, record {done + 1}")
+                except ValueError as cause:  # JSON as Python reads it has numbers that are not finite
+                    raise _fault(path, done + 1, str(cause), "give numbers that are finite") from None
             if done % 20_000 == 0:
                 wanted.progress(min(0.95, done * 80 / size))  # a record has about 80 bytes
         for name in sorted(columns.t):
@@ -175,7 +168,7 @@ def _topic(name: str, times: list[float]) -> TopicDescription:
     return TopicDescription(name, kind, len(times), ordered[0], ordered[-1], gap)
 
 
-def _records(path: Path) -> Iterator[Record]:
+def _records(path: Path, kinds: _Kinds) -> Iterator[Record]:
     """Every record, checked, in order.
 
     Raises:
@@ -190,7 +183,7 @@ def _records(path: Path) -> Iterator[Record]:
                 number += 1
                 if not line.strip():
                     continue
-                record = _parsed(path, number, line, known)
+                record = _parsed(path, number, line, known, kinds)
                 kind = record["record"]
                 # Two logs written into one file would otherwise pass for one trial.
                 if (kind == "trial") != (last == "") or last == "end":
@@ -237,7 +230,7 @@ def _fault(path: Path, number: int, cause: str, hint: str) -> LogError:
     return LogError(cause, file=path, place=f"line {number}", hint=hint)
 
 
-def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity]) -> Record:
+def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity], kinds: _Kinds) -> Record:
     if len(line) > MAX_LINE_BYTES:
         raise _fault(
             path, number, f"the line is longer than {MAX_LINE_BYTES:,} bytes", "one record on each line"
@@ -253,13 +246,17 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity])
     if kind == "sample":
         _check_sample(path, number, record, known)
         return record
-    if kind not in _KINDS:
-        raise _fault(
-            path, number, f"record {kind!r} is unknown", did_you_mean(str(kind), _KINDS, what="records")
-        )
+    own = kind in _KINDS
+    if not own and not (isinstance(kind, str) and kind in kinds):
+        hint = did_you_mean(str(kind), [*_KINDS, *kinds], what="records")
+        raise _fault(path, number, f"record {kind!r} is unknown", hint)
     if _has_huge_integer(record):
         raise _fault(path, number, "a number is too large", "numbers are SI units of a trial; see the schema")
-    faults = schema_errors(record, "trial_log", f"{kind}_record")
+    faults = (
+        schema_errors(record, "trial_log", f"{kind}_record")
+        if own
+        else value_errors(record, kinds[str(kind)].schema)
+    )
     if faults:
         where, fault, hint = faults[0]
         place = f"line {number}" + (f", {'.'.join(map(str, where))}" if where else "")
@@ -319,85 +316,65 @@ def _is_number(value: object) -> bool:
     return isinstance(value, float)
 
 
-def _take(builder: TrialBuilder, record: Record, where: str) -> None:
-    def note(cause: str) -> None:
-        builder.defect("unusable_pose", where, 1, f"a pose is left out: {cause}")
-
+def _take(builder: TrialBuilder, record: Record, kinds: _Kinds, where: str) -> None:
     kind = record["record"]
     if kind == "trial":
         builder.trial_id = record["id"]
         if "clock" in record:
             builder.clock = Clock.parse(record["clock"]) if record["clock"] else None
         builder.witnessed |= set(record.get("witnessed", []))
+        builder.facts |= record.get("facts", {})
         if record.get("team"):
             builder.team = TeamSetup(record["team"])
     elif kind == "body":
         links = tuple(record.get("links", []))
         builder.add_body(Body(record["id"], record["kind"], float(record.get("radius_m", 0.0)), links))
-    elif kind == "order":
-        builder.add(_order(record, note))
-    elif kind == "submission":
-        builder.add(_submission(record, note))
+    elif kind == "item":
+        t_s = record.get("t_s")
+        builder.add(replace(_item(record), announced_s=None if t_s is None else float(t_s)))
+    elif kind == "handed_in":
+        builder.add(Submission(record["item_id"], float(record["t_s"])))
     elif kind == "event":
-        builder.add(Event(record["t_s"], record["kind"], record.get("subject", ""), record.get("detail", "")))
-
-
-def _pose(data: Mapping[str, Any] | None, note: Note) -> Pose | None:
-    """A pose; `None` when there is none, or one that is not usable, which is noted."""
-    if data is None:
-        return None
-    x, y, z = map(float, data["position_m"])
-    qw, qx, qy, qz = map(float, data["orientation_wxyz"])
-    try:
-        return Pose((x, y, z), (qw, qx, qy, qz))
-    except ValueError as cause:
-        note(str(cause))
-        return None
-
-
-def _tray(data: Mapping[str, Any] | None, note: Note) -> Tray | None:
-    return None if data is None else Tray(data["type"], _pose(data.get("pose"), note))
-
-
-def _order(record: Record, note: Note) -> Order:
-    tasks = tuple(
-        Task(
-            id=task["id"],
-            kind=task.get("kind", "kitting"),
-            products=tuple(
-                WantedProduct(
-                    p["slot"],
-                    p["type"],
-                    _pose(p.get("pose"), note),
-                    p.get("quadrant", 0),
-                    p.get("challenged"),
-                )
-                for p in task["products"]
-            ),
-            agv=task.get("agv", "any"),
-            station=task.get("station", ""),
-            tray=_tray(task.get("tray"), note),
+        numbers = tuple(
+            EventNumber(name, float(given["value"]), given["unit"])
+            for name, given in record.get("numbers", {}).items()
         )
-        for task in record["tasks"]
-    )
-    t_s = record["t_s"]
-    announced_s = None if t_s is None else float(t_s)
-    return Order(record["id"], tasks, announced_s, record.get("priority", 1), record.get("updates", ""))
+        subject, detail = record.get("subject", ""), record.get("detail", "")
+        builder.add(Event(record["t_s"], record["kind"], subject, detail, numbers))
+    elif kind in kinds:
+        builder.add(kinds[kind].read(record, partial(_left_out, builder, where)))
 
 
-def _submission(record: Record, note: Note) -> Submission:
-    contents = record.get("contents")
-    products = None
-    if contents is not None:
-        products = tuple(
-            Product(p["type"], _pose(p.get("pose"), note), p.get("faulty", False), p.get("name", ""))
-            for p in contents
-        )
-    return Submission(
-        task_id=record["task_id"],
-        submitted_s=float(record["t_s"]),
-        contents=products,
-        agv=record.get("agv", ""),
-        station=record.get("station", ""),
-        tray=_tray(record.get("tray"), note),
-    )
+def _left_out(builder: TrialBuilder, where: str, cause: str) -> None:
+    builder.defect("unusable_pose", where, 1, f"a pose is left out: {cause}")
+
+
+def _item(data: Record) -> Item:
+    return Item(data["id"], data["level"], data.get("facts", {}), tuple(map(_item, data.get("items", []))))
+
+
+class _Kinds(Mapping[str, RecordKind]):
+    """The kinds of records that installed competitions bring, each looked up when a log has one."""
+
+    def __init__(self) -> None:
+        self._registry: Registry | None = None
+        self._built: dict[str, RecordKind] = {}
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        # Only now: a log without such records needs no look at what is installed.
+        self._registry = self._registry or Registry()
+        return tuple(self._registry.names(_GROUP))
+
+    def __getitem__(self, kind: str) -> RecordKind:
+        if kind not in self._built:
+            if kind not in self._names or self._registry is None:
+                raise KeyError(kind)
+            self._built[kind] = self._registry.find(_GROUP, kind).build({})
+        return self._built[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)

@@ -15,7 +15,7 @@ from ariac_score.documents.given import name_or_path
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import LogMapError, PluginNotFoundError, did_you_mean
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap, PluginUse
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import (
     ENVIRONMENT,
@@ -167,7 +167,8 @@ def _parsed(document: YamlDocument) -> LogMap:
         root_frame=data.get("root_frame", "world"),
         quantities=_quantities(document),
         speed_window_s=float(data.get("speed_window_s", 0.0)),
-        kits=_kits(data.get("kits", {})),
+        tracks=_plugin_use(document, "tracks"),
+        competition=_plugin_use(document, "competition"),
         sha256=document.sha256,
     )
 
@@ -185,34 +186,13 @@ def _quantities(document: YamlDocument) -> dict[str, Quantity]:
     return declared
 
 
-def _kits(data: dict[str, Any]) -> KitMap:
-    return KitMap(
-        max_age_s=float(data.get("max_age_s", 1.0)),
-        names=data.get("names", "instance"),
-        products=tuple(data.get("products", [])),
-        trays=tuple(_tray(t) for t in data.get("trays", [])),
-        use=data.get("use", ""),
-    )
-
-
-def _tray(data: dict[str, Any]) -> TrayMatch:
-    loose = data.get("loose")
-    return TrayMatch(
-        at=data.get("at", "agv"),
-        match=data["match"],
-        footprint=_footprint(data),
-        loose=loose["match"] if loose else "",
-        loose_footprint=_footprint(loose) if loose else None,
-    )
-
-
-def _footprint(data: dict[str, Any]) -> Footprint:
-    return Footprint(
-        float(data["half_length_m"]),
-        float(data["half_width_m"]),
-        float(data["height_m"]),
-        float(data.get("depth_m", 0.02)),
-    )
+def _plugin_use(document: YamlDocument, section: str) -> PluginUse | None:
+    data = document.data.get(section)
+    if data is None:
+        return None
+    parameters = data.get("with", {})
+    place = {name: document.place([section, "with", name]) for name in parameters}
+    return PluginUse(data["use"], parameters, str(document.file), {**place, "": document.place([section])})
 
 
 def _match(data: dict[str, Any]) -> BodyMatch:

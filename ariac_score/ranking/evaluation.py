@@ -17,7 +17,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogError
 from ariac_score.ranking.competition import Competition, TrialPlan
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import orders_of
+from ariac_score.trial.work import number_of_fact
 
 __all__ = [
     "GROUP",
@@ -183,6 +183,6 @@ def _planned(
     if reader is None:
         raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")
     return [
-        OrderPlan(order.id, order.priority > 1)
-        for order in orders_of(reader.read(trial.config, Wanted(log_map)))
+        OrderPlan(item.id, (number_of_fact(item.facts, "priority") or 0) > 1)
+        for item in reader.read(trial.config, Wanted(log_map)).work
     ]

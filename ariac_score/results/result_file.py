@@ -286,7 +286,41 @@ def _from_2(data: dict[str, Any]) -> dict[str, Any]:
     """`result/2` as `result/3`: its ledger stays as the former method took it apart."""
     if "ledger_method" in data or data["measured"].keys() & {"measures", "watched"}:
         raise ValueError("keys that `result/2` did not have")
-    return {**data, "ledger_method": SEQUENCE}
+    measured = dict(data["measured"])
+    measured["sketch"] = _sketch_from_2(measured.get("sketch"))
+    return {**data, "ledger_method": SEQUENCE, "measured": measured}
+
+
+def _sketch_from_2(sketch: Any) -> Any:
+    """The sketch with work of any levels: until then there were orders, tasks and parts."""
+    if not isinstance(sketch, Mapping) or not ({"asked", "brought"} & set(sketch)):
+        return sketch
+    asked: list[dict[str, Any]] = []
+    for task in sketch.get("asked", ()):
+        order, path = task["order"], f"{task['order']}/{task['task']}"
+        if not asked or all(known["path"] != order for known in asked):
+            asked.append({"path": order, "level": "order", "words": ""})
+        asked.append({"path": path, "level": "submission", "words": _other_words(task)})
+        asked += [
+            {"path": f"{path}/{part['slot']}", "level": "part", "words": part["type"]}
+            for part in task["parts"]
+        ]
+    brought = [
+        {
+            "item": one["task"],
+            "submitted_s": one["submitted_s"],
+            "words": _other_words(one),
+            "contents": one["parts"],
+        }
+        for one in sketch.get("brought", ())
+    ]
+    return {**sketch, "asked": asked, "brought": brought}
+
+
+def _other_words(former: Mapping[str, Any]) -> str:
+    """What was kept beside the names: kind and places."""
+    told = (v for key, v in former.items() if key not in ("order", "task") and isinstance(v, str))
+    return ", ".join(words for words in told if words not in ("", "any"))
 
 
 RESULT = Format(

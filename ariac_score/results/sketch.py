@@ -8,27 +8,29 @@ finer where something was violated or nearly so. Nothing is decided by a sketch.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ariac_score.trial.chart import Chart
-from ariac_score.trial.model import Trial, orders_of
+from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, distinct
+from ariac_score.trial.work import WorkItem
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
+    "AskedItem",
     "DrawnChart",
     "DrawnPath",
-    "OrderedPart",
-    "OrderedTask",
+    "HandedIn",
+    "LevelWords",
     "Sketch",
-    "Submitted",
     "extremes",
     "sketch_of",
 ]
@@ -94,7 +96,7 @@ class DrawnPath:
 
     Attributes:
         body: Its id, or the name of the link that stands for it.
-        kind: `robot`, `human` or `agv`.
+        kind: Such as `robot` or `human`.
         t_s: Times, s.
         x_m: Places, m.
         y_m: Places, m.
@@ -118,58 +120,50 @@ def _refuse_uneven(*columns: Sequence[object]) -> None:
 
 
 @dataclass(frozen=True)
-class OrderedPart:
-    """One part as ordered.
+class LevelWords:
+    """What people of the competition call the items of a level.
 
     Attributes:
-        slot: Its name within the task.
-        type: Of the part.
-        quadrant: Of the tray; 0 where none is named.
+        level: Such as `order`.
+        one: One of them.
+        many: Several.
     """
 
-    slot: str
-    type: str
-    quadrant: int = 0
+    level: str
+    one: str
+    many: str
 
 
 @dataclass(frozen=True)
-class OrderedTask:
-    """One task as ordered.
+class AskedItem:
+    """One work item.
 
     Attributes:
-        order: Id of the order.
-        task: Its path.
-        kind: Such as `kitting`.
-        agv: Where it was wanted; empty when the order names none.
-        station: Likewise.
-        parts: What was wanted.
+        path: The ids of the items it is inside, and its own.
+        level: What it is.
+        words: What was asked for, in the competition's words; empty where the id says all.
     """
 
-    order: str
-    task: str
-    kind: str
-    agv: str
-    station: str
-    parts: tuple[OrderedPart, ...]
+    path: str
+    level: str
+    words: str = ""
 
 
 @dataclass(frozen=True)
-class Submitted:
+class HandedIn:
     """One submission.
 
     Attributes:
-        task: Path of the task.
+        item: Id of the item it answers.
         submitted_s: When, s.
-        agv: Where; empty when the submission names none.
-        station: Likewise.
-        parts: Types of its parts; `None` when the log does not show them.
+        words: Where or how, in the competition's words; empty where there is nothing to say.
+        contents: What it consisted of; `None` when the log does not show it, or there is nothing to show.
     """
 
-    task: str
+    item: str
     submitted_s: float
-    agv: str
-    station: str
-    parts: tuple[str, ...] | None
+    words: str = ""
+    contents: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -179,18 +173,23 @@ class Sketch:
     Attributes:
         curves: Measured quantities with their limits.
         routes: Routes of bodies.
-        asked: The ordered tasks.
+        asked: Every work item, each before those inside it.
         brought: The submissions.
+        levels: What people call the items of each level.
     """
 
     curves: tuple[DrawnChart, ...] = ()
     routes: tuple[DrawnPath, ...] = ()
-    asked: tuple[OrderedTask, ...] = ()
-    brought: tuple[Submitted, ...] = ()
+    asked: tuple[AskedItem, ...] = ()
+    brought: tuple[HandedIn, ...] = ()
+    levels: tuple[LevelWords, ...] = ()
 
 
 def sketch_of(
-    trial: Trial, charts: Mapping[str, Sequence[Chart]], moments: Mapping[tuple[str, str], Sequence[Span]]
+    trial: Trial,
+    charts: Mapping[str, Sequence[Chart]],
+    moments: Mapping[tuple[str, str], Sequence[Span]],
+    words: Mapping[str, tuple[str, str]] = MappingProxyType({}),
 ) -> Sketch:
     """The sketch of a trial.
 
@@ -198,6 +197,7 @@ def sketch_of(
         trial: With the derived signals.
         charts: The charts of each check, by its name.
         moments: Where each check found something out of the ordinary about a subject, the worst first.
+        words: What people call the items of each level, one and many.
     """
     drawn = {(check, chart.subject): chart for check, found in charts.items() for chart in found}
     limited = {chart.subject for chart in drawn.values()}
@@ -215,29 +215,25 @@ def sketch_of(
     return Sketch(
         curves=tuple(curve for curve in curves if curve is not None),
         routes=tuple(_routes(trial)),
-        asked=tuple(
-            OrderedTask(
-                order.id,
-                task.id,
-                task.kind,
-                task.agv,
-                task.station,
-                tuple(OrderedPart(part.slot, part.type, part.quadrant) for part in task.products),
-            )
-            for order in orders_of(trial)
-            for task in order.tasks
-        ),
+        asked=tuple(_asked(trial.work)),
         brought=tuple(
-            Submitted(
-                one.task_id,
+            HandedIn(
+                one.item_id,
                 _rounded(one.submitted_s),
-                one.agv,
-                one.station,
-                None if one.contents is None else tuple(product.type for product in one.contents),
+                getattr(one, "words", ""),
+                getattr(one, "shown_contents", None),
             )
             for one in trial.submissions
         ),
+        levels=tuple(LevelWords(level, one, many) for level, (one, many) in sorted(words.items())),
     )
+
+
+def _asked(work: Sequence[WorkItem], inside: str = "") -> Iterator[AskedItem]:
+    for item in work:
+        path = f"{inside}/{item.id}" if inside else item.id
+        yield AskedItem(path, item.level, getattr(item, "words", ""))
+        yield from _asked(item.items, path)
 
 
 def _rounded(value: float) -> float:

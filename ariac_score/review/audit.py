@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -25,7 +25,7 @@ from ariac_score.checks.findings import canonical_number
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
-from ariac_score.engine.read import find_trial, read_needed, refuse_other_years
+from ariac_score.engine.read import find_trial, read_needed, refuse_unlikely
 from ariac_score.errors import FormulaError, NothingToScoreError, UsageError
 from ariac_score.logs.bundle import Bundle
 from ariac_score.results.codec import Format
@@ -37,7 +37,8 @@ from ariac_score.scoring.printed import PrintedBlock, PrintedItem, PrintedText, 
 from ariac_score.scoring.ruleset import RuleSet, installed_rule_sets, load_rule_set
 from ariac_score.scoring.scope import Level
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import OfficialOrder, OfficialResult, Order, Trial, orders_of
+from ariac_score.trial.model import OfficialOrder, OfficialResult, Trial
+from ariac_score.trial.work import WorkItem
 
 __all__ = ["AGREE", "AUDIT", "CANNOT_BE_JUDGED", "DIFFER", "Audit", "Item", "Sum", "audit"]
 
@@ -79,7 +80,7 @@ class Item:
         tolerance: The largest difference that agrees.
         because: Why that tolerance.
         independent: Whether ours is the same without the file of the official text.
-        scope: Path of the order, shipment or part that it was compared with.
+        scope: Path of the item that it was compared with.
     """
 
     level: Level
@@ -209,12 +210,17 @@ def audit(
     if not official.summaries and official.total is None:
         outcome = _OUTCOMES.get(official.outcome, official.outcome or "the text holds no score")
         return Audit(bundle.id, official.source, layout, outcome)
-    block = _block_of(official)
-    rule_set = _chosen(rules, layout, block)
-    refuse_other_years(bundle, readers, rule_set)
+    rule_set = _chosen(rules, layout, official, registry)
+    competition = rule_set.build_competition(registry)
+    block = _block_of(official, competition)
+    refuse_unlikely(bundle, readers, prepare(rule_set, registry=registry))
     look = _Look(bundle, readers, registry, progress)
     trial, ours = look.at(rule_set)
-    items = _Items(rule_set.printed, orders_of(trial), ours, look.without_text(rule_set), official.source)
+    outermost = getattr(competition, "levels", ("item", "trial"))[-2]
+    place = getattr(competition, "place", _plain_place)
+    items = _Items(
+        rule_set.printed, trial.work, outermost, place, ours, look.without_text(rule_set), official.source
+    )
     others = _others(against, rule_set)
     return Audit(
         trial.id,
@@ -255,28 +261,31 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
     )
 
 
-def _block_of(official: OfficialResult) -> PrintedBlock:
-    """The text as blocks: trial, orders, shipments, parts."""
+def _block_of(official: OfficialResult, competition: Any) -> PrintedBlock:
+    """The text as blocks: the trial, its outermost items, what is printed of anything inside them."""
     # Readers write the place of an item into its label: `shipment_0/completed`.
     values = {label: value for label, value in official.items.items() if "/" not in label}
     if official.total is not None:
         values.setdefault("final_score", f"{official.total:.12g}")
-    return PrintedBlock("trial", "", values, inner=tuple(_order_block(order) for order in official.summaries))
+    return PrintedBlock(
+        "trial", "", values, inner=tuple(_order_block(order, competition) for order in official.summaries)
+    )
 
 
-def _order_block(order: OfficialOrder) -> PrintedBlock:
+def _order_block(order: OfficialOrder, competition: Any) -> PrintedBlock:
     blocks: dict[str, dict[str, str]] = {"": _facts_of(order)}
     for label, value in order.items.items():
         inside, _, own = label.rpartition("/")
         blocks.setdefault(inside, {})[own] = value
     of_order = blocks.pop("")
-    inner = tuple(_inner_block(order, name, values) for name, values in blocks.items())
-    return PrintedBlock("order", order.id, of_order, order.kind, inner)
+    levels = getattr(competition, "levels", ("item", "trial"))
+    level_of = getattr(competition, "printed_level", lambda _name: levels[0])
+    inner = tuple(_inner_block(order, level_of(name), name, values) for name, values in blocks.items())
+    return PrintedBlock(levels[-2], order.id, of_order, order.kind, inner)
 
 
-def _inner_block(order: OfficialOrder, name: str, values: Mapping[str, str]) -> PrintedBlock:
-    """A shipment, known by its printed id, or one part of a task."""
-    level = "submission" if name.startswith("shipment_") else "part"
+def _inner_block(order: OfficialOrder, level: str, name: str, values: Mapping[str, str]) -> PrintedBlock:
+    """Something inside an order, known by its printed id or else by its name in the text."""
     own = {label: value for label, value in values.items() if label != "id"}
     return PrintedBlock(level, f"{order.id}/{values.get('id', name)}", own, order.kind)
 
@@ -296,7 +305,7 @@ def _facts_of(order: OfficialOrder) -> dict[str, str]:
     }
 
 
-def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
+def _chosen(rules: str | RuleSet, layout: str, official: OfficialResult, registry: Registry) -> RuleSet:
     """The rule set to audit under: the given one, or the only one that declares this layout."""
     if rules:
         rule_set = load_rule_set(rules) if isinstance(rules, str) else rules
@@ -313,13 +322,16 @@ def _chosen(rules: str | RuleSet, layout: str, block: PrintedBlock) -> RuleSet:
         )
     shipped = installed_rule_sets()
     fitting = [one for one in shipped if layout in one.printed.layouts]
-    # Editions share layouts; the one that knows every printed label is meant, where it is one.
-    fitting = [one for one in fitting if one.printed.knows(block)] or fitting
+    # Rule sets share layouts; the one that knows every printed label is meant, where it is one.
+    knowing = [
+        one for one in fitting if one.printed.knows(_block_of(official, one.build_competition(registry)))
+    ]
+    fitting = knowing or fitting
     if len(fitting) != 1:
         named = ", ".join(one.id for one in fitting) or ", ".join(
             one.id for one in shipped if one.printed.layouts
         )
-        cause = "the text may be of more than one edition" if fitting else "no installed rule set is of it"
+        cause = "the text may be of more than one rule set" if fitting else "no installed rule set is of it"
         raise UsageError(f"layout {layout!r}: {cause}", hint=f"choose with --rules: {named}")
     return fitting[0]
 
@@ -397,7 +409,9 @@ class _Items:
     """Compares the items of a text with our numbers."""
 
     text: PrintedText
-    orders: Sequence[Order]
+    work: Sequence[WorkItem]
+    outermost: str
+    place: Callable[[Any, str, str], tuple[str, str]]
     ours: Certain
     alone: Certain | None
     source: str
@@ -452,49 +466,21 @@ class _Items:
         """The path of our scope for a block, and why there is none."""
         if block.level == "trial":
             return "", ""
-        order_id, _, name = block.path.partition("/")
-        order = next((order for order in self.orders if order.id == order_id), None)
-        if order is None:
-            return block.path, "the log shows no such order"
-        if block.level == "order":
-            return order.id, ""
-        if order.outline:
+        item_id, _, name = block.path.partition("/")
+        item = next((item for item in self.work if item.id == item_id), None)
+        if item is None:
+            return block.path, f"the log shows no such {self.outermost}"
+        if not name:
+            return item.id, ""
+        if getattr(item, "outline", False):
             return block.path, "what was ordered is not recorded, only what was given for it"
-        return _task_place(order, name) if block.level == "submission" else _part_place(order, name)
+        return self.place(item, block.level, name)
 
 
-def _task_place(order: Order, name: str) -> tuple[str, str]:
-    """A shipment by its id; where the layout prints none, by its alphabetical place."""
-    ids = [task.id for task in order.tasks]
-    if name in ids:
-        return f"{order.id}/{name}", ""
-    # ARIAC 2019 and 2020 print no ids; blocks come in alphabetical order: shipment_10 before shipment_2.
-    stem, _, position = name.rpartition("_")
-    numbered = sorted(f"{stem}_{k}" for k in range(len(ids)))
-    if position.isdigit() and name in numbered:
-        return f"{order.id}/{sorted(ids)[numbered.index(name)]}", ""
-    return f"{order.id}/{name}", "the order has no such shipment"
-
-
-def _part_place(order: Order, name: str) -> tuple[str, str]:
-    """A part by its quadrant, where the one ordered last counts; or by the words of its type."""
-    words = name.split("_")
-    found = [
-        f"{order.id}/{task.id}/{product.slot}"
-        for task in order.tasks
-        for product in task.products
-        if (
-            words == ["quadrant", str(product.quadrant)]
-            if words[0] == "quadrant"
-            else set(words[1:]) <= set(product.type.split("_"))
-        )
-    ]
-    if words[0] == "quadrant":
-        found = found[-1:]
-    if len(found) == 1:
-        return found[0], ""
-    count = len(found) or "no"
-    return f"{order.id}/{name}", f"{count} ordered products are meant"
+def _plain_place(item: WorkItem, _level: str, name: str) -> tuple[str, str]:
+    """The path of an item that a text calls by its id, and why there is none."""
+    found = any(inner.id == name for inner in item.items)
+    return f"{item.id}/{name}", "" if found else f"{item.level} {item.id!r} has no such item"
 
 
 def _tolerance(printed: str) -> float:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ariac_score.checks.contracts import InstantVerdict, OnlineMonitor
+from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin
@@ -156,7 +157,11 @@ def tracks(result: Result, trial: Trial, prepared: Prepared) -> list[MarginSerie
         if plugin.group != "ariac_score.monitors":
             continue
         findings = list(result.measured.of(name).values())
-        own = _sampled(name, margins_of(plugin, name, check, trial), findings)
+        charts = margins_of(plugin, name, check, trial)
+        needed = {need.quantity for need in needs_of(plugin, name, check)}
+        if charts and (fault := margin_breach(trial, needed, findings, charts)):
+            raise broken(plugin, fault, of=name)
+        own = _sampled(name, charts, findings)
         if not own and isinstance(check, OnlineMonitor):
             own = _watched(plugin, name, check, trial)
         own = [_with_undecided(track, findings) for track in own]

@@ -3,11 +3,11 @@
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.testing.contract import contract_checks
 from ariac_score.testing.contract_check import ContractCheck, ContractError
-from ariac_score.testing.made import made_trial
+from ariac_score.testing.made import example_trial, made_trial
 from ariac_score.testing.recordings import recorded_messages
 from ariac_score.testing.rosmonitoring import monitored_events, write_event_log
 from ariac_score.testing.trial_log import write_trial_log
-from ariac_score.testing.trials import NEAR_MISS, SNAPSHOT_SIGNALS, NearMiss, kitting_trial
+from ariac_score.testing.trials import NEAR_MISS, SNAPSHOT_SIGNALS, NearMiss, near_miss_trial
 
 __all__ = [
     "NEAR_MISS",
@@ -17,9 +17,10 @@ __all__ = [
     "NearMiss",
     "Recorded",
     "contract_checks",
-    "kitting_trial",
+    "example_trial",
     "made_trial",
     "monitored_events",
+    "near_miss_trial",
     "recorded_messages",
     "write_bag",
     "write_event_log",

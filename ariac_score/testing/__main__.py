@@ -16,7 +16,7 @@ from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.testing.recordings import RecordsTrials, recorded_messages
 from ariac_score.testing.rosmonitoring import write_event_log
 from ariac_score.testing.trial_log import write_trial_log
-from ariac_score.testing.trials import SNAPSHOT_SIGNALS, kitting_trial
+from ariac_score.testing.trials import SNAPSHOT_SIGNALS, near_miss_trial
 from ariac_score.trial.model import Trial
 
 _STORAGE: dict[str, Storage] = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite3"}
@@ -28,7 +28,10 @@ def main() -> None:
     recorders = _recorders()
     parser = _parser(recorders)
     arguments = parser.parse_args()
-    path, trial = arguments.path, kitting_trial(seed=arguments.seed)
+    path = arguments.path
+    recorder = recorders.get(arguments.competition or "")
+    example = getattr(recorder, "example_trial", None)
+    trial = example(seed=arguments.seed) if example else near_miss_trial()
     if path.suffix == ".jsonl" and not arguments.events:
         write_trial_log(path, trial, signals=SNAPSHOT_SIGNALS)
         return

@@ -306,7 +306,7 @@ class _Checked:
         if getattr(self.check, "reads_official", False):
             return
         # Not witnessed, too: else no submission would mean that nothing was handed in.
-        unseen = replace(self.trial, submissions=(), kits=(), witnessed=frozenset())
+        unseen = replace(self.trial, submissions=(), records=(), witnessed=frozenset())
         for finding in self.ask(unseen):
             if finding.verdict in _DECIDED and finding not in self.findings:
                 raise self.broken(

@@ -114,7 +114,8 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
     "ariac_score.monitors": ("Measures", "Violated when", "Source"),
     "ariac_score.readers": ("Reads", "Refuses", "Source"),
     "ariac_score.decoders": (),
-    "ariac_score.kits": ("Reads", "Source"),
+    "ariac_score.tracks": ("Reads", "Source"),
+    "ariac_score.record_kinds": (),
     "ariac_score.competitions": ("Source",),
 }
 """The sections that the docstring of a plugin has: its help page."""

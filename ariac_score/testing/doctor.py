@@ -20,15 +20,13 @@ from ariac_score.testing.pages import example_parameters
 __all__ = ["Ailment", "ailments"]
 
 _ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "ariac_score.rules": {"judge": ("trial", "order")},
+    "ariac_score.rules": {"judge": ("trial", "item")},
     "ariac_score.monitors": {"needs": (), "watch": ("trial",)},
     "ariac_score.readers": {"can_read": ("path",), "describe": ("path",), "read": ("path", "wanted")},
     "ariac_score.decoders": {"decode": ("msgtype", "message", "t_s")},
-    "ariac_score.kits": {
-        "follows": ("name", "kits"),
-        "record": ("t_s", "tracks", "kits", "pauses", "until_s"),
-    },
-    "ariac_score.competitions": {"unknown_products": ("orders", "edition")},
+    "ariac_score.tracks": {"follows": ("name",), "record": ("t_s", "tracks", "pauses", "until_s")},
+    "ariac_score.record_kinds": {"read": ("record", "note")},
+    "ariac_score.competitions": {},
 }
 _NAME = re.compile(r"[a-z0-9_]+(\.[a-z0-9_]+)+")
 """As `use` in `schemas/ruleset.schema.json`: any other name cannot be written in a rule set."""

@@ -1,4 +1,4 @@
-"""A trial that has everything: every well-known quantity, every kind of order, an official result.
+"""A trial that has everything: every well-known quantity, work, events, an official result.
 
 For checking plugins, not for scoring: its signals are independent triangle waves,
 except those of the example trial, which it contains.
@@ -6,35 +6,26 @@ except those of the example trial, which it contains.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError
-from ariac_score.testing.trials import kitting_trial
-from ariac_score.trial.events import ARM_COLLISION, PART_DROPPED, Event
-from ariac_score.trial.model import (
-    Body,
-    OfficialOrder,
-    OfficialResult,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    TeamSetup,
-    Tray,
-    Trial,
-    WantedProduct,
-    orders_of,
-)
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.testing.trials import near_miss_trial
+from ariac_score.trial.events import ARM_COLLISION, ORDER_ANNOUNCED, PART_DROPPED, Event
+from ariac_score.trial.model import Body, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity
+from ariac_score.trial.work import Item, Submission
 
-__all__ = ["made_trial"]
+__all__ = ["example_trial", "made_trial", "made_trial_for"]
+
+_COMPETITIONS = "ariac_score.competitions"
 
 _WAVES = {"m": (1.5, 1.4), "m/s": (0.6, 0.6), "N": (80.0, 80.0), "Pa": (5e5, 5e5), "m2": (1e-3, 1e-3)}
 """Middle and amplitude of a quantity in this unit; others swing about 0 by 1."""
@@ -55,37 +46,51 @@ _FLAG_PERIODS_S = (10.0, 14.0)
 """Two, so that a flag is also on while another is off."""
 
 
-def made_trial(*, seed: int = 2020, duration_s: float = 40.0) -> Trial:
-    """The example trial with an AGV, every quantity of the vocabulary and every kind of task.
+def made_trial(*, duration_s: float = 40.0, kinds: Sequence[str] = ()) -> Trial:
+    """The example trial with every quantity of the vocabulary, work at two levels, and an official result.
 
     Args:
-        seed: As for `kitting_trial`.
         duration_s: Length of the recording at 100 Hz, s; at least 35.
+        kinds: Kinds of further bodies it shall have, such as `vehicle`; one of each.
     """
-    example = kitting_trial(seed=seed, duration_s=duration_s)
+    example = near_miss_trial(duration_s=duration_s)
     bodies = (
-        Body("agv1", "agv", radius_m=0.5),
+        *(Body(f"{kind}1", kind, radius_m=0.5) for kind in kinds),
         Body("human", "human", radius_m=0.3),
         Body("robot", "robot", radius_m=0.2, links=("tcp",)),
     )
-    orders = (*orders_of(example), *_orders())
+    announced = [
+        Event(t_s, ORDER_ANNOUNCED, item.id) for item in _WORK if (t_s := item.announced_s) is not None
+    ]
     trial = replace(
         example,
         id="made",
         bodies=bodies,
-        work=orders,
-        submissions=(*example.submissions, *_submissions()),
-        events=tuple(sorted((*example.events, *_EVENTS))),
+        work=_WORK,
+        submissions=(Submission("object_1", 14.0), Submission("object_3", 31.0)),
+        events=tuple(sorted((*example.events, *announced, *_EVENTS))),
         # Every kind of event it has, so that checks of events are not all inconclusive.
         witnessed=example.witnessed | {"bodies", ARM_COLLISION, *(event.kind for event in _EVENTS)},
-        team=TeamSetup("team", {"camera_1": "logical_camera", "beam_1": "break_beam"}, 600.0),
-        official=_official(orders),
-        facts=_FACTS,
+        team=TeamSetup("team"),
+        official=OfficialResult("made", 20.0, 37.5, {"task_1": 12.0, "task_2": 8.0}),
+        facts={"time_limit_s": 600.0, "scene": "made", "finished_s": None},
     )
     t = example.signals["position/robot"].t
     made = {name: _made(name, quantity, t, k) for k, (name, quantity) in enumerate(_names(trial))}
     # Signals of the example replace waves of their name: its near miss can be checked by hand.
     return replace(trial, signals=dict(sorted({**made, **example.signals}.items())))
+
+
+_WORK = (
+    Item(
+        "task_1",
+        "task",
+        {"time_limit_s": 300.0},
+        (Item("object_1", "object", {"kind": "bolt"}), Item("object_2", "object", {"kind": "nut"})),
+        announced_s=1.0,
+    ),
+    Item("task_2", "task", {"time_limit_s": 200.0}, (Item("object_3", "object", {"kind": "bolt"}),), 8.0),
+)
 
 
 def _usable() -> Iterator[tuple[str, Quantity]]:
@@ -126,71 +131,31 @@ def _triangle(t: FloatArray, period_s: float) -> FloatArray:
     return wave
 
 
-# Kits on quadrants, assemblies ----------------------------------------------------------
-
-_PLACES = ((-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1), (0.1, -0.1))
-_PARTS = ("battery_blue", "pump_purple", "sensor_green", "regulator_orange")
-_QUADRANTS = tuple(
-    WantedProduct(f"part_{k}", part, Pose((x, y, 0.0)), k + 1, challenged=False)
-    for k, (part, (x, y)) in enumerate(zip(_PARTS, _PLACES, strict=True))
-)
-_INSERTED = (
-    WantedProduct("part_0", "battery_red", Pose((-0.15, 0.035, 0.043))),
-    WantedProduct("part_1", "pump_blue", Pose((0.14, 0.0, 0.02))),
-)
-_TRAY = Tray("kit_tray_03", Pose((0.0, 0.0, 0.0)))
+def made_trial_for(plugin: Plugin, registry: Registry) -> Trial:
+    """A trial that gives a plugin something to say: of its distribution's competition, if there is one."""
+    for name in registry.names(_COMPETITIONS):
+        competition = registry.find(_COMPETITIONS, name)
+        if competition.distribution == plugin.distribution:
+            offer = getattr(competition.build({}), "made_trial", None)
+            if offer is not None:
+                trial: Trial = offer()
+                return trial
+    return made_trial()
 
 
-def _orders() -> Iterator[Order]:
-    yield Order("ABCD1234", (Task("ABCD1234", "kitting", _QUADRANTS, "agv2", "warehouse", _TRAY),), 15.0)
-    yield Order("ABCD1235", (Task("ABCD1235", "assembly", _INSERTED, station="as2"),), 16.0)
-    yield Order("ABCD1236", (Task("ABCD1236", "combined", _INSERTED, station="as4"),), 17.0, priority=3)
+def example_trial(rules: str | RuleSet, *, seed: int = 2020) -> Trial:
+    """The example trial of the competition that a rule set is for.
 
+    Args:
+        rules: A rule set or its name.
+        seed: Same seed, same trial, on every machine.
 
-def _submissions() -> Iterator[Submission]:
-    # One quadrant stays empty, so that rules about kits have a violation to show.
-    kit = tuple(Product(wanted.type, wanted.pose) for wanted in _QUADRANTS[:3])
-    assembly = tuple(Product(wanted.type, wanted.pose) for wanted in _INSERTED)
-    yield Submission("ABCD1234", 32.0, kit, "agv2", "warehouse", _TRAY)
-    yield Submission("ABCD1235", 33.0, assembly, station="as2", tray=Tray("assembly_insert_2"))
-
-
-# Official record -----------------------------------------------------------------------
-
-# Every name that a shipped check reads, so that its page and its contract are tried with values.
-_FACTS = {
-    "time_limit_s": 600.0,
-    "duration_s": 37.5,
-    "num_kits": 2.0,
-    "num_modules": 1.0,
-    "num_high_priority": 1.0,
-    "total_cells": 8.0,
-    "defective_cells": 2.0,
-    "avg_report_time_s": 1.5,
-    "num_reports_submitted": 2.0,
-    "num_correct_reports": 2.0,
-    "num_correct_report_classifications": 1.0,
-    "completed": 1.0,
-    "aborted": 0.0,
-}
-
-
-def _official(orders: tuple[Order, ...]) -> OfficialResult:
-    submitted_s = {"order_0": 13.5, "order_1": 30.5, "ABCD1234": 31.5, "ABCD1235": 32.5}
-    summaries = tuple(
-        OfficialOrder(
-            order.id,
-            order.tasks[0].kind,
-            submitted=order.id in submitted_s,
-            priority=order.priority > 1,
-            score=5.0 if order.id in submitted_s else 0.0,
-            max_score=9.0,
-            announced_s=1.0,
-            submitted_s=submitted_s.get(order.id),
-        )
-        for order in orders
-    )
-    scores = {order.id: order.score or 0.0 for order in summaries}
-    return OfficialResult(
-        "made", 20.0, 37.5, scores, summaries=summaries, items={"was_arm_arm_collision": "1"}
-    )
+    Raises:
+        ValueError: The rule set names no competition, or that offers no example.
+    """
+    rule_set = rules if isinstance(rules, RuleSet) else load_rule_set(rules)
+    offer = getattr(rule_set.build_competition(Registry()), "example_trial", None)
+    if offer is None:
+        raise ValueError(f"{rule_set.id!r} names no competition that offers an example trial")
+    trial: Trial = offer(seed=seed)
+    return trial

@@ -19,7 +19,7 @@ from ariac_score.engine.ask import ask
 from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import ScoreError
 from ariac_score.scoring.ruleset import installed_rule_sets
-from ariac_score.testing.made import made_trial
+from ariac_score.testing.made import made_trial_for
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
@@ -221,14 +221,14 @@ def _example(plugin: Plugin) -> list[str]:
 
 
 @cache
-def _made() -> Trial:
-    return made_trial()
+def _made(plugin: Plugin) -> Trial:
+    return made_trial_for(plugin, Registry())
 
 
 def _findings(plugin: Plugin, check: Any) -> list[Finding]:
     # As the engine does, so that the example is what a score would show.
     needs = needs_of(plugin, "example", check)
-    return ask(plugin, "example", check, with_derived(_made(), needs, Registry()))
+    return ask(plugin, "example", check, with_derived(_made(plugin), needs, Registry()))
 
 
 def _chosen(findings: list[Finding]) -> list[Finding]:

@@ -1,6 +1,6 @@
 """The messages a recorder would have written of a trial, in types that belong to no competition.
 
-A competition adds its own: orders, its state, how it shows what moves. Its plugin may offer a
+A competition adds its own: work, its state, how it shows what moves. Its plugin may offer a
 recording in them (`RecordsTrials`), made of these building blocks and of its own messages.
 """
 
@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from ariac_score.logs.own_messages import NO_TRAY
 from ariac_score.testing.bags import Recorded
 from ariac_score.testing.trials import ORIGIN_NS
 from ariac_score.trial.events import ORDER_ANNOUNCED, WATCHING
-from ariac_score.trial.model import Pose, Submission, Trial
+from ariac_score.trial.model import Pose, Trial
 from ariac_score.trial.spans import FloatArray
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
     "recorded_messages",
     "scalar_messages",
     "stamp_ns",
-    "submission_messages",
     "xyz_fields",
 ]
 
@@ -45,13 +43,13 @@ class RecordsTrials(Protocol):
 
 
 def recorded_messages(trial: Trial) -> list[Recorded]:
-    """The messages of a trial without those of any competition, so without its orders.
+    """The messages of a trial without those of any competition, so without its work and submissions.
 
-    Events and submissions are our own messages, positions are tf frames named like their bodies, and
+    Events are our own messages, positions are tf frames named like their bodies, and
     other signals of one component are `std_msgs/msg/Float64` on a topic named like the signal.
 
     Args:
-        trial: Such as `kitting_trial()`.
+        trial: Such as `near_miss_trial()`.
 
     Returns:
         In order of time; time 0 of the trial is `ORIGIN_NS`.
@@ -59,7 +57,6 @@ def recorded_messages(trial: Trial) -> list[Recorded]:
     # Of one time the recorder's events stand first: they say what the rest witnesses. Sorting is stable.
     messages = [
         *event_messages(trial),
-        *submission_messages(trial),
         *frame_messages(trial),
         *scalar_messages(trial),
     ]
@@ -83,36 +80,10 @@ def event_messages(trial: Trial, *, leave_out: Collection[str] = ()) -> Iterator
     for kind in sorted(trial.witnessed - {"submissions", "bodies"}):
         yield Recorded(topic, msgtype, stamp_ns(0.0), {"kind": WATCHING, "subject": kind, "detail": ""})
     for event in trial.events:
-        # A reader makes this event of the order itself; a second one would be another order.
+        # A reader makes this event of the item itself; a second one would be another item.
         if event.kind != ORDER_ANNOUNCED and event.kind not in leave_out:
             fields = {"kind": event.kind, "subject": event.subject, "detail": event.detail}
             yield Recorded(topic, msgtype, stamp_ns(event.t_s), fields)
-
-
-def submission_messages(trial: Trial) -> Iterator[Recorded]:
-    """The submissions, as our own messages."""
-    for submission in trial.submissions:
-        yield Recorded(
-            "/ariac_score/submissions",
-            "ariac_score_msgs/msg/Submission",
-            stamp_ns(submission.submitted_s),
-            _submission_fields(submission),
-        )
-
-
-def _submission_fields(submission: Submission) -> dict[str, Any]:
-    products = [
-        {"type": p.type, "name": p.name, "is_faulty": p.faulty, "pose": pose_fields(p.pose)}
-        for p in submission.contents or ()
-    ]
-    return {
-        "shipment_type": submission.task_id,
-        "agv": submission.agv,
-        "station": submission.station,
-        "products": products,
-        "tray": "" if submission.tray is None else submission.tray.type or NO_TRAY,
-        "contents_unknown": submission.contents is None,
-    }
 
 
 def frame_messages(trial: Trial, frames: Mapping[str, str] | None = None) -> Iterator[Recorded]:

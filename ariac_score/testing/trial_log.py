@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.registry import Registry
 from ariac_score.logs.jsonl import FORMAT
 from ariac_score.trial.events import ORDER_ANNOUNCED
-from ariac_score.trial.model import Pose, Submission, Task, Trial, orders_of
+from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
+from ariac_score.trial.work import WorkItem, announced_s
 
 __all__ = ["write_trial_log"]
+
+_GROUP = "ariac_score.record_kinds"
 
 
 def write_trial_log(path: Path, trial: Trial, *, signals: Iterable[str] | None = None) -> Path:
@@ -40,6 +44,7 @@ def _head(trial: Trial) -> Iterator[dict[str, Any]]:
         "id": trial.id,
         "clock": trial.clock,
         "witnessed": sorted(trial.witnessed),
+        **({"facts": dict(trial.facts)} if trial.facts else {}),
     }
     for body in trial.bodies:
         yield {
@@ -54,22 +59,20 @@ def _head(trial: Trial) -> Iterator[dict[str, Any]]:
 def _timed(signals: list[Signal], trial: Trial) -> list[dict[str, Any]]:
     """Everything with a time, in order of it."""
     records: list[dict[str, Any]] = []
-    for order in orders_of(trial):
+    kinds = _writers()
+    for item in trial.work:
         records.append(
-            {
-                "record": "order",
-                "t_s": order.announced_s,
-                "id": order.id,
-                "priority": order.priority,
-                "tasks": [_task_record(task) for task in order.tasks],
-            }
+            _brought(item, kinds) or {"record": "item", "t_s": announced_s(item), **_item_fields(item)}
         )
     for event in trial.events:
-        if event.kind != ORDER_ANNOUNCED:  # the reader makes it of the order
-            fields = {"kind": event.kind, "subject": event.subject, "detail": event.detail}
+        if event.kind != ORDER_ANNOUNCED:  # the reader makes it of the item
+            fields: dict[str, Any] = {"kind": event.kind, "subject": event.subject, "detail": event.detail}
+            if event.numbers:
+                fields["numbers"] = {n.name: {"value": n.value, "unit": n.unit} for n in event.numbers}
             records.append({"record": "event", "t_s": event.t_s, **fields})
     for submission in trial.submissions:
-        records.append(_submission_record(submission))
+        fields = {"t_s": submission.submitted_s, "item_id": submission.item_id}
+        records.append(_brought(submission, kinds) or {"record": "handed_in", **fields})
     # One record for each time: signals of one clock share their rows.
     rows: dict[float, dict[str, Any]] = {}
     for signal in signals:
@@ -79,34 +82,21 @@ def _timed(signals: list[Signal], trial: Trial) -> list[dict[str, Any]]:
     return sorted(records, key=lambda record: record["t_s"] or 0.0)
 
 
-def _pose_record(pose: Pose) -> dict[str, Any]:
-    return {"position_m": [*pose.position_m], "orientation_wxyz": [*pose.orientation_wxyz]}
+def _item_fields(item: WorkItem) -> dict[str, Any]:
+    fields: dict[str, Any] = {"id": item.id, "level": item.level, "facts": dict(item.facts)}
+    return {**fields, "items": [*map(_item_fields, item.items)]} if item.items else fields
 
 
-def _task_record(task: Task) -> dict[str, Any]:
-    products = []
-    for wanted in task.products:
-        product: dict[str, Any] = {"slot": wanted.slot, "type": wanted.type}
-        if wanted.pose is not None:
-            product["pose"] = _pose_record(wanted.pose)
-        products.append(product)
-    return {"id": task.id, "kind": task.kind, "agv": task.agv, "station": task.station, "products": products}
+def _writers() -> list[Callable[[object], Mapping[str, Any] | None]]:
+    """What writes records of competitions: the `record_of` of each kind that has one."""
+    registry = Registry()
+    kinds = [registry.find(_GROUP, name).build({}) for name in registry.names(_GROUP)]
+    return [kind.record_of for kind in kinds if hasattr(kind, "record_of")]
 
 
-def _submission_record(submission: Submission) -> dict[str, Any]:
-    record: dict[str, Any] = {
-        "record": "submission",
-        "t_s": submission.submitted_s,
-        "task_id": submission.task_id,
-        "agv": submission.agv,
-        "station": submission.station,
-    }
-    if submission.contents is not None:
-        contents = []
-        for product in submission.contents:
-            fields: dict[str, Any] = {"type": product.type, "name": product.name, "faulty": product.faulty}
-            if product.pose is not None:
-                fields["pose"] = _pose_record(product.pose)
-            contents.append(fields)
-        record["contents"] = contents
-    return record
+def _brought(
+    thing: object, writers: Sequence[Callable[[object], Mapping[str, Any] | None]]
+) -> dict[str, Any]:
+    """The record of a competition's own class; empty for a plain one."""
+    found = (record for write in writers if (record := write(thing)) is not None)
+    return dict(next(found, {}))

@@ -1,9 +1,8 @@
-"""A kitting trial made to order, with flaws that can be checked by hand."""
+"""A trial made to order, with a flaw that can be checked by hand."""
 
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,16 +11,7 @@ import numpy as np
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.events import ARM_COLLISION, COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.model import (
-    Body,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import FloatArray
 
 __all__ = [
@@ -29,7 +19,7 @@ __all__ = [
     "ORIGIN_NS",
     "SNAPSHOT_SIGNALS",
     "NearMiss",
-    "kitting_trial",
+    "near_miss_trial",
 ]
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -74,22 +64,17 @@ SNAPSHOT_SIGNALS = ("centre_distance/robot/human", "speed/human", "speed/robot")
 """The signals that the paper's snapshot node publishes; enough for its monitor."""
 
 
-def kitting_trial(*, seed: int = 2020, duration_s: float = 40.0, human: bool = True) -> Trial:
-    """A trial with two orders, one wrong colour, one pose just outside, one near miss of 2.4 s.
-
-    Everything else is right; parts lie up to 5 mm from their places, by `seed`.
+def near_miss_trial(*, duration_s: float = 40.0, human: bool = True) -> Trial:
+    """A trial of a robot and a human with one near miss of 2.4 s, and nothing to do.
 
     Args:
-        seed: Same seed, same trial, on every machine.
         duration_s: Length of the recording at 100 Hz, s; at least 35.
         human: Whether the human's signals are recorded.
     """
-    builder = TrialBuilder("kitting_near_miss", file="made", clock=Clock(LOG_TIME, ORIGIN_NS))
+    builder = TrialBuilder("near_miss", file="made", clock=Clock(LOG_TIME, ORIGIN_NS))
     builder.witnessed |= {"submissions", ARM_COLLISION}
-    jitter = random.Random(seed)  # noqa: S311  # no secret depends on where a part lies
-    items: list[Order | Submission | Event] = [*_events(duration_s), *_orders(), *_submissions(jitter)]
-    for item in items:
-        builder.add(item)
+    for event in _events(duration_s):
+        builder.add(event)
     builder.add_body(Body("robot", "robot"))
     # Counted in ns, as stamps are: adding up 0.01 s would drift from them.
     steps = round(duration_s * 1e9) // STEP_NS + 1
@@ -106,49 +91,6 @@ def kitting_trial(*, seed: int = 2020, duration_s: float = 40.0, human: bool = T
 def _events(duration_s: float) -> Iterator[Event]:
     yield Event(0.5, COMPETITION_STARTED)
     yield Event(duration_s - 2.0, COMPETITION_ENDED)
-
-
-def _wanted(*parts: tuple[str, float, float, float]) -> tuple[WantedProduct, ...]:
-    return tuple(
-        WantedProduct(f"part_{i}", kind, Pose.from_rpy((x, y, 0.0), (0.0, 0.0, yaw)))
-        for i, (kind, x, y, yaw) in enumerate(parts)
-    )
-
-
-_KITS = {
-    "order_0": _wanted(
-        ("gear_part_red", 0.1, 0.15, 0.0),
-        ("gear_part_blue", -0.1, 0.15, math.pi / 4),
-        ("piston_rod_part_green", 0.0, -0.15, 0.0),
-    ),
-    "order_1": _wanted(("pulley_part_red", 0.12, 0.1, 0.0), ("disk_part_blue", -0.12, -0.1, -math.pi / 2)),
-}
-_ANNOUNCED_S = {"order_0": 1.0, "order_1": 8.0}
-_SUBMITTED_S = {"order_0": 14.0, "order_1": 31.0}
-_AGV = {"order_0": "agv1", "order_1": "agv2"}
-
-
-def _orders() -> Iterator[Order]:
-    for order, products in _KITS.items():
-        task = Task(f"{order}_shipment_0", products=products, agv=_AGV[order])
-        yield Order(order, (task,), _ANNOUNCED_S[order])
-
-
-def _submissions(jitter: random.Random) -> Iterator[Submission]:
-    for order, products in _KITS.items():
-        contents = tuple(_delivered(order, wanted, jitter) for wanted in products)
-        yield Submission(f"{order}_shipment_0", _SUBMITTED_S[order], contents, _AGV[order])
-
-
-def _delivered(order: str, wanted: WantedProduct, jitter: random.Random) -> Product:
-    """The product as delivered: one of the two flaws, or a few millimetres off its place."""
-    assert wanted.pose is not None
-    kind = "gear_part_green" if (order, wanted.slot) == ("order_0", "part_1") else wanted.type
-    dx, dy = 0.005 * jitter.random(), 0.003 * jitter.random()
-    if (order, wanted.slot) == ("order_1", "part_1"):
-        dx, dy = 0.031, 0.0  # the limit of the rule set is 0.03 m
-    x, y, z = wanted.pose.position_m
-    return Product(kind, Pose((x + dx, y + dy, z), wanted.pose.orientation_wxyz), name=f"{kind}_1")
 
 
 def _motion(t: FloatArray) -> dict[str, FloatArray]:

@@ -3,39 +3,41 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from ariac_score.errors import LogError
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
-from ariac_score.trial.kits import RecordedKits
-from ariac_score.trial.model import (
-    Body,
-    Kit,
-    KitRecord,
-    LogDefect,
-    OfficialOrder,
-    OfficialResult,
-    Order,
-    Submission,
-    Task,
-    TeamSetup,
-    Trial,
-    WantedProduct,
-    orders_of,
-)
+from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
-from ariac_score.trial.work import Fact, WorkItem, announced_s
+from ariac_score.trial.work import (
+    Fact,
+    Record,
+    Submission,
+    WorkItem,
+    all_items,
+    announced_s,
+    at_times,
+    dated_at,
+)
 
-__all__ = ["LARGEST_STEP_BACK_S", "TrialBuilder", "merge_trials", "settle_orders"]
+__all__ = [
+    "LARGEST_STEP_BACK_S",
+    "Joining",
+    "TrialBuilder",
+    "first_announced",
+    "merge_trials",
+    "only",
+    "settle_work",
+]
 
 LARGEST_STEP_BACK_S = 1.0
 """Stamps further back than this mean two recordings in one file, which sorting would interleave."""
@@ -76,16 +78,15 @@ class TrialBuilder:
         self.unrecorded: list[str] = []
         self.recorded: Span | None = None
         self.facts: dict[str, Fact] = {}
-        self.kits: list[Kit] = []
-        self.kit_records: list[KitRecord] = []
+        self.records: list[Record] = []
         self._defects: dict[tuple[str, str], LogDefect] = {}
 
-    def add(self, item: WorkItem | Submission | Kit | Event) -> None:
-        """Take one decoded item; an order with a time also makes its announcement an event."""
+    def add(self, item: WorkItem | Submission | Event | Record) -> None:
+        """Take one decoded item; a work item with a time also makes its announcement an event."""
         if isinstance(item, Submission):
             self.submissions.append(item)
-        elif isinstance(item, Kit):
-            self.kits.append(item)
+        elif isinstance(item, Record):
+            self.records.append(item)
         elif isinstance(item, Event):
             if item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
                 self.witnessed.add(item.subject)
@@ -95,8 +96,7 @@ class TrialBuilder:
             self._add_work(item)
 
     def _add_work(self, item: WorkItem) -> None:
-        if isinstance(item, Order):
-            _check_ids(item, self.file)
+        _refuse_repeated_ids(item, self.file)
         self.work.append(item)
         t_s = announced_s(item)
         if t_s is not None:
@@ -148,10 +148,10 @@ class TrialBuilder:
             self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 
     def build(self) -> Trial:
-        """The trial, with updates of orders applied and everything in order of time."""
+        """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         return Trial(
             id=self.trial_id,
-            work=self._settled(),
+            work=tuple(self.work),
             submissions=tuple(sorted(self.submissions, key=lambda s: s.submitted_s)),
             events=tuple(sorted(set(self.events))),
             bodies=tuple(self.bodies[k] for k in sorted(self.bodies)),
@@ -164,28 +164,22 @@ class TrialBuilder:
             clocks=() if self.clock is None else (self.clock,),
             recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
-            kits=(*([RecordedKits(self.kits)] if self.kits else []), *self.kit_records),
+            records=tuple(self.records),
         )
 
-    def _settled(self) -> tuple[WorkItem, ...]:
-        orders = settle_orders([item for item in self.work if isinstance(item, Order)], file=self.file)
-        return *orders, *(item for item in self.work if not isinstance(item, Order))
 
-
-def _check_ids(order: Order, file: object) -> None:
-    """Refuse an order in which two things have one name: findings could not distinguish them."""
-    for what, names in (
-        ("shipments", [task.id for task in order.tasks]),
-        *(("slots", [wanted.slot for wanted in task.products]) for task in order.tasks),
-    ):
-        # Counted once: a stranger's order may have as many products as fit into a line of a log.
-        twice = sorted(name for name, count in Counter(names).items() if count > 1)
-        if twice:
-            raise LogError(
-                f"order {order.id!r} has two {what} named {twice[0]!r}",
-                file=file,
-                hint="give each its own name",
-            )
+def _refuse_repeated_ids(item: WorkItem, file: object) -> None:
+    """Refuse an item in which two things have one name: findings could not distinguish them."""
+    # Counted once: a stranger's item may have as many inside as fit into a line of a log.
+    twice = sorted(name for name, count in Counter(inner.id for inner in item.items).items() if count > 1)
+    if twice:
+        raise LogError(
+            f"{item.level} {item.id!r} holds two items named {twice[0]!r}",
+            file=file,
+            hint="give each its own name",
+        )
+    for inner in item.items:
+        _refuse_repeated_ids(inner, file)
 
 
 def _span_of(
@@ -203,50 +197,30 @@ def _joined(known: Body | None, body: Body, file: object) -> Body:
     return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
 
 
-def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[Order, ...]:
-    """Apply updates to the orders they name.
+class Joining(Protocol):
+    """A competition that says itself what the logs of one trial together say of its work."""
 
-    An update takes over the products and the start time; the order keeps its id
-    and priority; the last update wins. An update whose own id is that of an announced
-    order is ignored, and so is one that names no announced order.
+    def join(self, merged: Trial, parts: Sequence[Trial], file: object, /) -> Trial:
+        """The merged trial with its work and submissions.
 
-    Raises:
-        LogError: An order is announced again with other contents.
+        Args:
+            merged: Everything but work and submissions, which are empty.
+            parts: What each log shows, on one clock.
+            file: The bundle, for error messages.
 
-    Source:
-        ARIAC 2019, section "code" of the rulebook: update, priority.
-    """
-    orders: dict[str, Order] = {}
-    first: dict[str, Order] = {}
-    for order in announced:
-        known = first.setdefault(order.id, order)
-        # With the first announcement: an update may have changed the order since.
-        if not order.updates and order.tasks != known.tasks:
-            raise LogError(
-                f"order {order.id!r} is announced twice, with different contents",
-                file=file,
-                hint="a change of an order is an update of its own id, such as order_0_update_0",
-            )
-        if order.id in orders:
-            continue  # an update with the id of an announced order, or the order once more
-        if not order.updates:
-            orders[order.id] = order
-        elif order.updates in orders:
-            old = orders[order.updates]
-            orders[old.id] = replace(old, tasks=order.tasks, announced_s=order.announced_s)
-    return tuple(orders.values())
+        Raises:
+            LogError: Two logs contradict each other.
+        """
+        ...
 
 
-def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Trial:
+def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competition: object = None) -> Trial:
     """One trial from the several logs of a bundle.
 
-    Each kind of thing may come from one log only, except events, bodies, defects
-    and `witnessed`, which add up. Announced orders take precedence over configured
-    ones; configured ones take their time from the event of their announcement, and
-    updates are applied. Fields that announced orders lack, such as challenges, are
-    taken from the configured ones. Submissions with contents take precedence over those
-    of an official text, which has none, and configured sensors over recorded ones.
-    Numbers of the trial that two files state must agree. Logs that count from another
+    Each kind of thing may come from one log only, except events, bodies, records, defects
+    and `witnessed`, which add up. Work takes its time from the event of its announcement. A
+    competition that has `join` decides itself what work and submissions are; see `Joining`.
+    Facts of the trial that two files state must agree. Logs that count from another
     zero of one clock are shifted; logs on another clock than the log that records the
     motion keep what needs no time (see `_without_times`).
 
@@ -254,44 +228,88 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object) -> Tria
         LogError: Two logs contradict each other.
     """
     parts = _on_one_clock(parts)  # first, for everything below compares times
-    events = tuple(sorted({e for p in parts for e in p.events}))
     spans = [p.recorded for p in parts if p.recorded]
     merged = Trial(
         id=trial_id,
-        work=_orders(parts, events, file),
-        submissions=_submissions(parts, file),
-        events=events,
+        events=tuple(sorted({e for p in parts for e in p.events})),
         bodies=_bodies(parts, file),
         signals=_signals(parts, file),
         team=_team([p.team for p in parts if p.team], file),
-        official=_only("an official result", [p.official for p in parts if p.official], file),
+        official=only("an official result", [p.official for p in parts if p.official], file),
         witnessed=frozenset(w for p in parts for w in p.witnessed),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
-        log_defects=tuple(sorted([*(d for p in parts for d in p.log_defects), *_other_sensors(parts)])),
+        log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
         clocks=_clocks(parts),
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
-        kits=_kits(parts),
-        faulty_products=_only(
-            "a list of faulty products",
-            [p.faulty_products for p in parts if p.faulty_products is not None],
-            file,
-        ),
+        records=_records(parts),
     )
-    return _within_competition(merged, _unannounced(parts, merged))
+    join = getattr(competition, "join", None)
+    merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)
+    return _within_competition(merged)
 
 
-def _unannounced(parts: Sequence[Trial], merged: Trial) -> int:
-    """How many configured orders are not among the orders of the trial."""
-    known = {order.id for order in orders_of(merged)}
-    return len({o.id for part in parts for o in orders_of(part) if not o.updates} - known)
+def _joined_plainly(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
+    """The trial with the work and the submissions of the log that has any."""
+    work = only("work", [settle_work(part.work, file) for part in parts if part.work], file) or ()
+    submissions = only("submissions", [p.submissions for p in parts if p.submissions], file) or ()
+    announced = first_announced(merged)
+    dated = tuple(
+        item if announced_s(item) is not None else dated_at(item, announced.get(item.id)) for item in work
+    )
+    asked = {item.id for item in all_items(dated)}
+    unknown = sum(1 for s in submissions if s.item_id not in asked)
+    noted = LogDefect("unknown_item", merged.id, unknown, "submissions answer nothing that was asked for")
+    defects = (*merged.log_defects, *([noted] if unknown else []))
+    return replace(merged, work=dated, submissions=submissions, log_defects=tuple(sorted(defects)))
 
 
-def _within_competition(trial: Trial, unannounced: int) -> Trial:
+def settle_work(announced: Sequence[WorkItem], file: object = None) -> tuple[WorkItem, ...]:
+    """The items, each once: a log may repeat an announcement, with the same contents.
+
+    Raises:
+        LogError: An item is announced again with other contents.
+    """
+    first: dict[str, WorkItem] = {}
+    for item in announced:
+        known = first.setdefault(item.id, item)
+        if (known.level, known.facts, tuple(known.items)) != (item.level, item.facts, tuple(item.items)):
+            raise LogError(
+                f"{item.level} {item.id!r} is announced twice, with different contents",
+                file=file,
+                hint="give each its own id",
+            )
+    return tuple(first.values())
+
+
+def first_announced(trial: Trial) -> dict[str, float]:
+    """When each thing was first announced, by its id, s of trial time."""
+    found: dict[str, float] = {}
+    for event in sorted(trial.events):
+        if event.kind == ORDER_ANNOUNCED:
+            found.setdefault(event.subject, event.t_s)
+    return found
+
+
+def _records(parts: Sequence[Trial]) -> tuple[Record, ...]:
+    """The records; those with times only where no submissions have lost theirs, for they cannot be joined."""
+    untimed = any(part.submissions and part.recorded is None for part in parts)
+    return tuple(r for part in parts for r in part.records if not (untimed and r.timed))
+
+
+def _team(setups: Sequence[TeamSetup], file: object) -> TeamSetup | None:
+    if not setups:
+        return None
+    what = "a team set-up"
+    sensors = only(what, [dict(team.sensors) for team in setups if team.sensors is not None], file)
+    return TeamSetup(only(what, [team.name for team in setups if team.name], file) or "", sensors)
+
+
+def _within_competition(trial: Trial) -> Trial:
     """The trial with the submissions that can count; irregularities are noted as defects.
 
     No competition accepts a submission before the start or after the end. Submissions that
-    are left out, and those that answer no order, are counted, so that none vanishes silently.
+    are left out are counted, so that none vanishes silently.
     """
     low_s, high_s, no_window = _competition_limits(trial)
     counted = tuple(s for s in trial.submissions if low_s <= s.submitted_s <= high_s)
@@ -301,15 +319,6 @@ def _within_competition(trial: Trial, unannounced: int) -> Trial:
             len(trial.submissions) - len(counted),
             "submissions before the start or after the end were refused",
         ),
-        "priority_unknown": (
-            sum(not order.priority_said for order in orders_of(trial)),
-            "the messages of this edition do not say an order's priority; the trial configuration does",
-        ),
-        "orders_not_announced": (
-            unannounced,
-            "orders of the configuration were never announced in the log",
-        ),
-        **_irregular(counted, orders_of(trial)),
     }
     defects = (LogDefect(kind, trial.id, int(n), message) for kind, (n, message) in noted.items() if n)
     return replace(trial, submissions=counted, log_defects=tuple(sorted([*trial.log_defects, *defects])))
@@ -326,21 +335,6 @@ def _competition_limits(trial: Trial) -> tuple[float, float, str]:
         times = f"it ends ({high_s:.3f} s) before it starts ({low_s:.3f} s)"
         return -np.inf, np.inf, f"{times}; all of it was watched"
     return low_s, high_s, ""
-
-
-def _irregular(counted: Sequence[Submission], orders: Sequence[Order]) -> dict[str, tuple[int, str]]:
-    """Submissions that answer nothing that was ordered, or the same thing again."""
-    ordered = {task.id for order in orders for task in order.tasks}
-    known = [s.task_id for s in counted if s.task_id in ordered]
-    # An official text that is the only source of orders does not name their tasks.
-    unknown = 0 if any(order.outline for order in orders) else len(counted) - len(known)
-    return {
-        "unknown_shipment": (unknown, "submissions answer no shipment of any order"),
-        "repeated_submission": (
-            len(known) - len(set(known)),
-            "shipments were submitted more than once",
-        ),
-    }
 
 
 def _clocks(parts: Sequence[Trial]) -> tuple[Clock, ...]:
@@ -381,7 +375,7 @@ def _on_clock_of(main: Trial, part: Trial) -> Trial:
 
 def _timed_contents(part: Trial) -> tuple[int, int]:
     """How much of a part is worth nothing on another clock: signals first, then contents."""
-    return len(part.signals), sum(1 for s in part.submissions if s.contents is not None)
+    return len(part.signals), sum(1 for s in part.submissions if s.detailed)
 
 
 def _without_times(part: Trial, main: Trial) -> Trial:
@@ -401,111 +395,13 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         part,
         events=kept,
         submissions=tuple(replace(s, submitted_s=end_s) for s in part.submissions),
-        work=tuple(replace(order, announced_s=None) for order in orders_of(part)),
+        work=at_times(part.work, lambda _t_s: None),
         signals={},
         recorded=None,
-        kits=(),
+        records=tuple(record for record in part.records if not record.timed),
         clocks=(),
         log_defects=(*part.log_defects, defect),
     )
-
-
-def _orders(parts: Sequence[Trial], events: Sequence[Event], file: object) -> tuple[Order, ...]:
-    found = [orders_of(part) for part in parts if part.work]
-    as_announced = [orders for orders in found if any(order.announced_s is not None for order in orders)]
-    orders = _only("orders", as_announced or found, file) or ()
-    configured = {o.id: o for group in found if group not in as_announced for o in group}
-    orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
-    announced: dict[str, float] = {}
-    for event in events:
-        if event.kind == ORDER_ANNOUNCED:
-            announced.setdefault(event.subject, event.t_s)
-    dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
-    # An update in a configuration takes effect only if the log shows that it was announced.
-    if not dated:
-        return _outlined(parts)
-    return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
-
-
-def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
-    """The orders of the official text, in its order, where no other file names any."""
-    summaries = [order for part in parts if part.official for order in part.official.summaries]
-    return tuple(
-        Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
-        for order in summaries
-    )
-
-
-def _priority(order: OfficialOrder) -> int:
-    """As printed: a factor in some texts, yes or no in others, where yes means the factor 3."""
-    printed = order.items.get("priority", "")
-    return int(printed) if printed.isdigit() else 3 if order.priority else 1
-
-
-def _completed(order: Order, configured: Order | None) -> Order:
-    """An announced order with what its message lacks: challenges and, in some formats, the priority."""
-    if configured is None:
-        return order
-    of_slot = {
-        (task.id, wanted.slot, wanted.type, wanted.quadrant): wanted.challenged
-        for task in configured.tasks
-        for wanted in task.products
-    }
-
-    def challenged(task: Task, wanted: WantedProduct) -> WantedProduct:
-        if wanted.challenged is not None:
-            return wanted
-        # All four: a configured order of that id with other contents must not lend its challenges.
-        key = task.id, wanted.slot, wanted.type, wanted.quadrant
-        return replace(wanted, challenged=of_slot.get(key))
-
-    tasks = tuple(replace(t, products=tuple(challenged(t, w) for w in t.products)) for t in order.tasks)
-    if order.priority_said:
-        return replace(order, tasks=tasks)
-    return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
-
-
-def _kits(parts: Sequence[Trial]) -> tuple[KitRecord, ...]:
-    """The records of trays; none where submissions have lost their times, for they cannot be joined then."""
-    if any(part.submissions and part.recorded is None for part in parts):
-        return ()
-    return tuple(record for part in parts for record in part.kits)
-
-
-def _team(setups: Sequence[TeamSetup], file: object) -> TeamSetup | None:
-    """One set-up from a configuration, which has sensors, and an official record, which has their cost."""
-    if not setups:
-        return None
-    names = [team.name for team in setups if team.name]
-    # Two lists: a record may count other sensors than are configured, which take precedence.
-    configured, recorded = _sensors(setups)
-    costs = [team.sensor_cost for team in setups if team.sensor_cost is not None]
-    sensors = _only("a team set-up", configured or recorded, file)
-    return TeamSetup(
-        _only("a team set-up", names, file) or "",
-        None if sensors is None else MappingProxyType(sensors),
-        _only("a sensor cost", costs, file),
-    )
-
-
-def _sensors(setups: Sequence[TeamSetup]) -> tuple[list[dict[str, str]], list[dict[str, str]]]:
-    """The sensors as configured, and those of a record that gives their cost."""
-    known = [team for team in setups if team.sensors is not None]
-    return (
-        [dict(team.sensors or {}) for team in known if team.sensor_cost is None],
-        [dict(team.sensors or {}) for team in known if team.sensor_cost is not None],
-    )
-
-
-def _other_sensors(parts: Sequence[Trial]) -> Iterator[LogDefect]:
-    """Whether a record counts other sensors than are configured; by type, for the names always differ."""
-    configured, recorded = _sensors([part.team for part in parts if part.team])
-    if configured and recorded and sorted(configured[0].values()) != sorted(recorded[0].values()):
-        message = (
-            f"the record counts {len(recorded[0])} sensors, the team configuration has {len(configured[0])}, "
-            "or of other types; the configured ones were kept"
-        )
-        yield LogDefect("other_sensors", "team", 1, message)
 
 
 def _facts(parts: Sequence[Trial], file: object) -> dict[str, Fact]:
@@ -528,12 +424,6 @@ def _said(value: Fact) -> str:
     return "absent" if value is None else repr(value) if isinstance(value, str) else f"{value:g}"
 
 
-def _submissions(parts: Sequence[Trial], file: object) -> tuple[Submission, ...]:
-    found = [part.submissions for part in parts if part.submissions]
-    with_contents = [group for group in found if any(s.contents is not None for s in group)]
-    return _only("submissions", with_contents or found, file) or ()
-
-
 def _bodies(parts: Sequence[Trial], file: object) -> tuple[Body, ...]:
     bodies: dict[str, Body] = {}
     for body in (body for part in parts for body in part.bodies):
@@ -553,7 +443,12 @@ def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
     return {name: signals[name] for name in sorted(signals)}
 
 
-def _only(what: str, found: Sequence[_T], file: object) -> _T | None:
+def only(what: str, found: Sequence[_T], file: object) -> _T | None:
+    """The one thing that several logs say; `None` when none says anything.
+
+    Raises:
+        LogError: They differ.
+    """
     # Equal copies are no contradiction: a configuration and a record may state the same.
     if len(found) > 1 and any(item != found[0] for item in found[1:]):
         raise LogError(

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Any
 
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 
-__all__ = ["BodyMatch", "Channel", "FieldMap", "Footprint", "KitMap", "LogMap", "ProductNames", "TrayMatch"]
+__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap", "PluginUse"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Channel:
             it has one, otherwise the time of recording.
         signals: Fields that are signals.
         poses: `frames` for tf messages, `models` for Gazebo model states; empty otherwise.
-        decoder: Name of the plugin that turns its messages into orders, submissions, events.
+        decoder: Name of the plugin that turns its messages into work, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
     """
@@ -63,7 +63,7 @@ class BodyMatch:
 
     Attributes:
         match: Shell pattern over names, such as `person_*`.
-        kind: `robot`, `human` or `agv`.
+        kind: What it is, such as `robot`, `human` or `vehicle`.
         body: Body id; empty takes the matched name.
         radius_m: Radius of the sphere that stands for the body and each link, m.
         links: Shell patterns over the link names that are followed too.
@@ -89,88 +89,25 @@ class BodyMatch:
 
 
 @dataclass(frozen=True)
-class Footprint:
-    """The box, in the frame of a tray, in which the origin of a thing on that tray lies; sides included.
+class PluginUse:
+    """A plugin that a log map names.
 
     Attributes:
-        half_length_m: Along x to either side, m.
-        half_width_m: Along y to either side, m.
-        height_m: Above the origin of the tray, m.
-        depth_m: Below it, m.
+        use: Its name.
+        parameters: Its parameters.
+        file: The log map, for error messages.
+        place: Where each parameter stands in it; under the empty name the section.
     """
 
-    half_length_m: float
-    half_width_m: float
-    height_m: float
-    depth_m: float = 0.02
-
-    def holds(self, position_m: tuple[float, float, float]) -> bool:
-        """Whether a point lies in it."""
-        x, y, z = position_m
-        return (
-            abs(x) <= self.half_length_m
-            and abs(y) <= self.half_width_m
-            and -self.depth_m <= z <= self.height_m
-        )
-
-
-@dataclass(frozen=True)
-class TrayMatch:
-    """Which model or link is the tray of an AGV or the insert of a station.
-
-    Names are scoped: `model` or `model::link`, with the models it is nested in before it.
-
-    Attributes:
-        at: `agv` or `station`.
-        match: Shell pattern over scoped names; `{place}` stands for such as `agv1`, `{n}` for its number.
-        footprint: Where things lie on it.
-        loose: Shell pattern for loose trays that kits are built on; empty where there are none.
-        loose_footprint: Where things lie on a loose tray.
-    """
-
-    at: str
-    match: str
-    footprint: Footprint
-    loose: str = ""
-    loose_footprint: Footprint | None = None
-
-    def pattern_for(self, place: str) -> str:
-        """The pattern for one place.
-
-        >>> TrayMatch("agv", "{place}::kit_tray_{n}::*", Footprint(1, 1, 1)).pattern_for("agv2")
-        'agv2::kit_tray_2::*'
-        """
-        # `{n}`: models of trays are numbered like their AGV, but not named after it.
-        number = place[len(place.rstrip("0123456789")) :]
-        return self.match.replace("{place}", place).replace("{n}", number)
-
-
-ProductNames = Literal["instance", "part"]
-
-
-@dataclass(frozen=True)
-class KitMap:
-    """How the contents of kits are found for submissions that lack them.
-
-    Attributes:
-        max_age_s: How old contents may be at the submission, s.
-        names: How the name of a model gives its type: `instance` (the type and a number)
-            or `part` (a name that contains a type and a colour).
-        products: Shell patterns over the types that are products; any where there are none.
-        trays: Where kits lie among the models.
-        use: Name of the plugin that finds them; empty for the only one installed.
-    """
-
-    max_age_s: float = 1.0
-    names: ProductNames = "instance"
-    products: tuple[str, ...] = ()
-    trays: tuple[TrayMatch, ...] = ()
-    use: str = ""
+    use: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    file: str = field(default="", compare=False)
+    place: Mapping[str, str] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)
 class LogMap:
-    """How the logs of one competition, or one edition of it, are read.
+    """How the logs of one competition, or one year of it, are read.
 
     Attributes:
         id: Such as `ariac2020`.
@@ -181,7 +118,8 @@ class LogMap:
         root_frame: The tf frame positions are given in.
         quantities: Quantities beyond the vocabulary that signals of this map measure.
         speed_window_s: Half width of the centred difference that gives speeds, s; 0 means two samples.
-        kits: How the contents of kits are found.
+        tracks: What sees more in poses of models than motion.
+        competition: Whose logs they are; it joins what several logs of a trial say.
         sha256: Hash of the file it came from; empty for one made in memory.
     """
 
@@ -193,20 +131,21 @@ class LogMap:
     root_frame: str = "world"
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
     speed_window_s: float = 0.0
-    kits: KitMap = KitMap()
+    tracks: PluginUse | None = None
+    competition: PluginUse | None = None
     sha256: str = ""
 
     def channels_for(self, quantities: Iterable[str]) -> tuple[Channel, ...]:
         """The channels worth decoding when only these quantities are wanted.
 
-        Orders, submissions and events are always wanted.
+        Work, submissions and events are always wanted.
         """
         wanted = frozenset(quantities)
         return tuple(
             channel
             for channel in self.channels
-            if channel.decoder  # needed whatever is measured: orders, submissions, events
+            if channel.decoder  # needed whatever is measured: work, submissions, events
             or (channel.poses and "position" in wanted)
-            or (channel.poses == "models" and self.kits.trays)
+            or (channel.poses == "models" and self.tracks is not None)
             or any(quantity_of(f.signal) in wanted for f in channel.signals)
         )

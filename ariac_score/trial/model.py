@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -17,32 +17,22 @@ from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Signal, align, columns_of
 from ariac_score.trial.spans import FloatArray, Span
-from ariac_score.trial.work import Fact, WorkItem, announced_s, checked_facts
+from ariac_score.trial.work import Fact, Record, Submission, WorkItem, announced_s, checked_facts
 
 __all__ = [
     "Body",
-    "FaultMarks",
-    "Kit",
-    "KitRecord",
     "LogDefect",
     "OfficialOrder",
     "OfficialResult",
-    "Order",
     "Pose",
-    "Product",
-    "Submission",
-    "Task",
     "TeamSetup",
-    "Tray",
     "Trial",
-    "WantedProduct",
-    "orders_of",
 ]
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where something lies, in the frame of its tray.
+    """Where something lies, in the frame of what it lies on.
 
     Attributes:
         position_m: x, y, z in m.
@@ -78,7 +68,7 @@ class Pose:
 
     @property
     def up_axis(self) -> tuple[float, float, float]:
-        """The thing's own vertical axis in the frame of its tray, of length 1."""
+        """The thing's own vertical axis in the frame of what it lies on, of length 1."""
         return quaternions.up_axis(self.orientation_wxyz)
 
     def normalised(self) -> Pose:
@@ -109,218 +99,12 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class WantedProduct:
-    """One product of a kit as ordered.
-
-    Attributes:
-        slot: Its name within the kit, such as `part_0`.
-        type: Full product type, such as `gear_part_red`.
-        pose: Wanted pose in the frame of the tray, briefcase or insert; `None` when the order gives none.
-        quadrant: Quadrant of the tray it is wanted in, 1 to 4, where orders name quadrants; 0 when not named.
-        challenged: Whether a faulty-part challenge is set on its quadrant; `None` when no file says.
-    """
-
-    level: ClassVar[str] = "part"
-    items: ClassVar[tuple[WorkItem, ...]] = ()
-    facts: ClassVar[Mapping[str, Fact]] = FrozenMap({})
-
-    slot: str
-    type: str
-    pose: Pose | None = None
-    quadrant: int = 0
-    challenged: bool | None = None
-
-    @property
-    def id(self) -> str:
-        """The slot, which is its name within the task."""
-        return self.slot
-
-
-@dataclass(frozen=True)
-class Product:
-    """One product as delivered.
-
-    Attributes:
-        type: Full product type, such as `gear_part_red`.
-        pose: Pose in the tray frame; `None` when the log does not give a usable one.
-        faulty: Whether it is a faulty product.
-        name: Name of the individual, when the log gives one.
-    """
-
-    type: str
-    pose: Pose | None = None
-    faulty: bool = False
-    name: str = ""
-
-
-@dataclass(frozen=True)
-class Tray:
-    """The loose tray a kit is built on, or the insert parts are assembled in, where orders name one.
-
-    Attributes:
-        type: Its model, such as `movable_tray_metal_shiny`, `kit_tray_03` or `assembly_insert_2`;
-            empty when the log shows that there was none.
-        pose: Its pose on the AGV; `None` when unknown or not ordered.
-    """
-
-    type: str
-    pose: Pose | None = None
-
-
-@dataclass(frozen=True)
-class Task:
-    """One piece of work of an order, such as one shipment.
-
-    Attributes:
-        id: Shipment type, such as `order_0_shipment_0`.
-        kind: `kitting`, `assembly` or `combined`.
-        products: What is wanted.
-        agv: Ordered AGV; `any` leaves it open.
-        station: Ordered station; empty when none is ordered.
-        tray: Ordered movable tray, where orders name one.
-    """
-
-    level: ClassVar[str] = "submission"
-
-    id: str
-    kind: str = "kitting"
-    products: tuple[WantedProduct, ...] = ()
-    agv: str = "any"
-    station: str = ""
-    tray: Tray | None = None
-
-    @property
-    def items(self) -> tuple[WantedProduct, ...]:
-        """What is wanted, one by one."""
-        return self.products
-
-    @property
-    def facts(self) -> Mapping[str, Fact]:
-        """How many parts are wanted."""
-        return FrozenMap({"parts": len(self.products)})
-
-
-@dataclass(frozen=True)
-class Order:
-    """An order as announced.
-
-    Attributes:
-        id: Such as `order_0`.
-        tasks: Its tasks in order.
-        announced_s: When it was announced, s of trial time; `None` when the log does not say.
-        priority: As the competition defines it; 1 is regular.
-        updates: Id of the order it replaces; empty for a new order.
-        outline: Whether it is known from an official text alone, which names the order and
-            its score, but not its contents.
-        priority_said: Whether a record or configuration gives the priority; where not, no formula may use it.
-    """
-
-    level: ClassVar[str] = "order"
-
-    id: str
-    tasks: tuple[Task, ...] = ()
-    announced_s: float | None = None
-    priority: int = 1
-    updates: str = ""
-    outline: bool = False
-    priority_said: bool = field(default=True, compare=False)
-
-    @property
-    def items(self) -> tuple[Task, ...]:
-        """Its tasks."""
-        return self.tasks
-
-    @property
-    def facts(self) -> Mapping[str, Fact]:
-        """How many parts are wanted, and its priority where something says it."""
-        facts: dict[str, Fact] = {"parts": sum(len(task.products) for task in self.tasks)}
-        if self.priority_said:  # else unknown: a formula that names it then has no value, not a default
-            facts["priority"] = self.priority
-        return FrozenMap(facts)
-
-
-class FaultMarks(Protocol):
-    """How a competition says which products of a kit are faulty, where the record of the kit does not.
-
-    It is given once all parts of a trial are together, for a configuration may be what says it. A
-    function at the top of a module, so that a trial can be pickled.
-    """
-
-    def __call__(
-        self, contents: tuple[Product, ...], trial: Trial, task: Task | None, /
-    ) -> tuple[Product, ...] | None:
-        """The products with `faulty` set; `None` where nothing says which of them are.
-
-        Args:
-            contents: As the record shows them.
-            trial: With everything its parts tell.
-            task: The task the kit was handed in for; `None` when no order has it.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Kit:
-    """The contents of one tray, briefcase or insert at one instant.
-
-    Attributes:
-        place: The AGV or the station, such as `agv1` or `as2`.
-        t_s: When, s of trial time.
-        contents: The products, in the frame of the tray.
-        tray: The movable tray, where kits are built on one.
-        faults: How to find out which products are faulty; `None`: the products say it themselves.
-    """
-
-    place: str
-    t_s: float
-    contents: tuple[Product, ...] = ()
-    tray: Tray | None = None
-    faults: FaultMarks | None = None
-
-
-@runtime_checkable
-class KitRecord(Protocol):
-    """A record of what lay on trays over time."""
-
-    def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """The contents at a place and a time; `None` when the log does not show them.
-
-        Args:
-            place: Such as `agv1` or `as2`.
-            t_s: When, s of trial time.
-            max_age_s: How old the last sighting may be in a log that goes on without pause, s.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Submission:
-    """One kit as submitted.
-
-    Attributes:
-        task_id: Shipment type it was submitted as.
-        submitted_s: When, s of trial time.
-        contents: The products; `None` when the log does not show them.
-        agv: AGV it came on, such as `agv1`; empty when unknown.
-        station: Where it was sent; empty when unknown or not needed.
-        tray: Movable tray below it, where known.
-    """
-
-    task_id: str
-    submitted_s: float
-    contents: tuple[Product, ...] | None = None
-    agv: str = ""
-    station: str = ""
-    tray: Tray | None = None
-
-
-@dataclass(frozen=True)
 class Body:
     """Something that moves and that checks are about.
 
     Attributes:
-        id: Such as `gantry` or `person_1`.
-        kind: `robot`, `human` or `agv`.
+        id: Such as `arm` or `person_1`.
+        kind: What it is, such as `robot`, `human` or `vehicle`, as the log map or the reader names it.
         radius_m: Radius of the sphere that stands for it (and for each link), m.
         links: Names of its links whose positions are recorded.
     """
@@ -339,22 +123,15 @@ class TeamSetup:
         name: Team name; empty when unknown.
         sensors: Sensor types by sensor name; `None` when no file lists them, which is not the same as
             having none.
-        sensor_cost: Cost of the sensors in dollars, by an official record; `None` when none gives it.
     """
 
     name: str = ""
     sensors: Mapping[str, str] | None = None
-    sensor_cost: float | None = None
 
     def __post_init__(self) -> None:
         if self.sensors is not None:
             # A check must not be able to change what the next one reads.
             object.__setattr__(self, "sensors", FrozenMap(dict(self.sensors)))
-
-
-def orders_of(trial: Trial) -> tuple[Order, ...]:
-    """The work of a trial that is orders, in order."""
-    return tuple(item for item in trial.work if isinstance(item, Order))
 
 
 @dataclass(frozen=True)
@@ -363,14 +140,14 @@ class OfficialOrder:
 
     Attributes:
         id: Of the order.
-        kind: Of its task: `kitting`, `assembly` or `combined`; empty when not printed.
+        kind: Of its task, in the competition's words; empty when not printed.
         submitted: Whether it was submitted.
         priority: Whether it is a priority order.
         score: Points of its task, without any factor for priority; may be negative.
         max_score: The most points it could have had.
         announced_s: When it was announced, s since the start of the competition.
         submitted_s: When it was submitted, s since the start of the competition.
-        items: Everything printed in detail, as printed, by path, such as `quadrant_1/flipped_part`.
+        items: Everything printed in detail, as printed, by path, such as `part_1/flipped`.
     """
 
     id: str
@@ -448,9 +225,9 @@ class Trial:
     Attributes:
         id: Name of the trial.
         work: What was to be done: the outermost items, in order of announcement, updates applied.
-        submissions: In order of submission.
+        submissions: What was handed in, in order of time; of the competition's own class, where it has one.
         events: In order of time.
-        bodies: Robots, humans, AGVs.
+        bodies: What moves: robots, humans, whatever the log map names.
         signals: By name.
         team: What the team brought; `None` when no log says.
         official: The official scorer's own result, when the bundle holds it.
@@ -463,8 +240,7 @@ class Trial:
         recorded: From the first to the last stamp of the recording.
         facts: What a configuration or an official record states of the trial, by name, such as
             `time_limit_s`; `None`: known to be absent; what is not stated has no entry.
-        kits: Records of what lay on trays over time, the most reliable first.
-        faulty_products: Names of individuals that the configuration makes faulty; `None` when no file says.
+        records: What the readers of a competition keep for its own checks; the core never looks inside.
 
     Raises:
         ValueError: A fact is not finite.
@@ -484,8 +260,7 @@ class Trial:
     clocks: tuple[Clock, ...] = ()
     recorded: Span | None = None
     facts: Mapping[str, Fact] = field(default_factory=lambda: FrozenMap({}))
-    kits: tuple[KitRecord, ...] = ()
-    faulty_products: frozenset[str] | None = None
+    records: tuple[Record, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))
@@ -537,15 +312,17 @@ class Trial:
         # Sorted: findings must not depend on the order in which a log lists bodies.
         return tuple(sorted((b for b in self.bodies if b.kind == kind), key=lambda b: b.id))
 
-    def pairs(self) -> Iterator[tuple[Body, Body]]:
-        """Every (robot, human) pair, in order of their ids."""
-        for robot in self.bodies_of("robot"):
-            for human in self.bodies_of("human"):
-                yield robot, human
+    def pairs(self, first: str = "robot", second: str = "human") -> Iterator[tuple[Body, Body]]:
+        """Every pair of bodies of two kinds, in order of their ids; each two bodies of one kind once."""
+        for one in self.bodies_of(first):
+            for other in self.bodies_of(second):
+                if first != second or one.id < other.id:
+                    yield one, other
 
     def body_pairs(self) -> Iterator[tuple[Body, Body]]:
-        """Every two bodies of which one at least is a machine: robots first, then AGVs, then humans."""
-        machines = [*self.bodies_of("robot"), *self.bodies_of("agv")]
+        """Every two bodies of which one at least is no human: robots first, then other kinds, then humans."""
+        kinds = sorted({body.kind for body in self.bodies} - {"robot", "human"})
+        machines = [body for kind in ("robot", *kinds) for body in self.bodies_of(kind)]
         everybody = [*machines, *self.bodies_of("human")]
         for index, machine in enumerate(machines):
             for other in everybody[index + 1 :]:

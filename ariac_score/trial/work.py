@@ -9,20 +9,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, cast, runtime_checkable
 
 from ariac_score.trial.frozen import FrozenMap
 
 __all__ = [
     "Fact",
     "Item",
+    "Record",
     "Submission",
     "WorkItem",
+    "all_items",
     "announced_s",
     "at_times",
     "checked_facts",
+    "dated_at",
     "items_at",
     "number_of_fact",
+    "paths_at",
 ]
 
 Fact: TypeAlias = "int | float | str | None"
@@ -103,6 +107,28 @@ class Submission:
     item_id: str
     submitted_s: float
 
+    @property
+    def detailed(self) -> bool:
+        """Whether its record says more than that it was handed in, at a time that matters."""
+        return False
+
+
+class Record:
+    """Something that readers of a competition keep for its own checks; the core never looks inside.
+
+    A base class, so that a decoder that makes something else by mistake is found out. Records are
+    immutable. One that means nothing without its times says so in `timed`, and can be shifted.
+    """
+
+    timed: ClassVar[bool] = False
+    """Whether it is worth nothing where the times of its log are not those of the trial."""
+
+    def shifted(self, by_s: float) -> Record:  # noqa: ARG002  # a record with times needs it
+        """The same record with every time later by a number of seconds."""
+        if self.timed:
+            raise NotImplementedError(f"{type(self).__name__} has times, and must say how they are shifted")
+        return self
+
 
 def checked_facts(facts: Facts, of: str) -> Facts:
     """The facts, when all their numbers are finite.
@@ -129,10 +155,28 @@ def at_times(work: Sequence[WorkItem], at: Callable[[float], float | None]) -> t
         work: The outermost items; those inside are announced with them.
         at: What a time becomes; `None` where it means nothing any more.
     """
+    times = [announced_s(item) for item in work]
     return tuple(
-        item if t_s is None else cast(WorkItem, replace(cast(Any, item), announced_s=at(t_s)))
-        for item, t_s in ((item, announced_s(item)) for item in work)
+        item if t_s is None else dated_at(item, at(t_s)) for item, t_s in zip(work, times, strict=True)
     )
+
+
+def dated_at(item: WorkItem, t_s: float | None) -> WorkItem:
+    """The item with another time of announcement; as it is where its class keeps none."""
+    if not hasattr(item, "announced_s"):
+        return item
+    return cast(WorkItem, replace(cast(Any, item), announced_s=t_s))
+
+
+def all_items(work: Sequence[WorkItem]) -> Iterator[WorkItem]:
+    """Every item, each before those inside it.
+
+    >>> [item.id for item in all_items((Item("task_1", "task", items=(Item("bolt_1", "object"),)),))]
+    ['task_1', 'bolt_1']
+    """
+    for item in work:
+        yield item
+        yield from all_items(item.items)
 
 
 def number_of_fact(facts: Mapping[str, Fact], name: str) -> float | None:
@@ -148,8 +192,19 @@ def items_at(work: Sequence[WorkItem], level: str) -> Iterator[WorkItem]:
     >>> [item.id for item in items_at(work, "object")], [item.id for item in items_at(work, "")]
     (['bolt_1'], ['task_1'])
     """
+    return (item for _, item in paths_at(work, level))
+
+
+def paths_at(work: Sequence[WorkItem], level: str, inside: str = "") -> Iterator[tuple[str, WorkItem]]:
+    """The items of a level with their paths, as `items_at` finds them.
+
+    >>> work = (Item("task_1", "task", items=(Item("bolt_1", "object"),)),)
+    >>> [path for path, _ in paths_at(work, "object")]
+    ['task_1/bolt_1']
+    """
     for item in work:
+        path = f"{inside}/{item.id}" if inside else item.id
         if not level or item.level == level:
-            yield item
+            yield path, item
         else:
-            yield from items_at(item.items, level)
+            yield from paths_at(item.items, level, path)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ariac_score import Product, Task, Trial
+from ariac_score import Trial
 from ariac_score_ariac.parts import FAULTY_ENDING
+from ariac_score_ariac.work import Product, Task, faulty_products
 
 __all__ = ["by_challenges", "by_list"]
 
@@ -16,10 +17,10 @@ def by_list(contents: tuple[Product, ...], trial: Trial, _task: Task | None) -> 
     Source: ARIAC 2017 to 2022: the list names individuals. They are compared by the whole
     name of the instance, without what stands before its last `|`.
     """
-    if trial.faulty_products is None and contents:
+    listed = faulty_products(trial)
+    if listed is None and contents:
         return None
-    listed = trial.faulty_products or frozenset()
-    return tuple(replace(p, faulty=p.name.rpartition("|")[2] in listed) for p in contents)
+    return tuple(replace(p, faulty=p.name.rpartition("|")[2] in (listed or ())) for p in contents)
 
 
 def by_challenges(

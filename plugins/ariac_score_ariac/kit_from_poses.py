@@ -9,29 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import MISSING, dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score import (
-    LARGEST_STEP_BACK_S,
-    FaultMarks,
-    FloatArray,
-    Kit,
-    KitMap,
-    KitRecord,
-    ModelTrack,
-    Pose,
-    Product,
-    Tray,
-    TrayMatch,
-)
+from ariac_score import LARGEST_STEP_BACK_S, FloatArray, ModelTrack, Pose, check_parameters, parameter
 from ariac_score_ariac import fault_marks
 from ariac_score_ariac.parts import part_of
+from ariac_score_ariac.work import FaultMarks, Kit, KitRecord, Product, Tray
 
-__all__ = ["KitPoses", "KitsOfModels", "is_followed", "part_type", "product_type"]
+__all__ = ["KitPoses", "KitsOfModels", "LooseTray", "TrayMatch", "part_type", "product_type"]
 
 _FAULTS: Mapping[str, FaultMarks] = {
     "instance": fault_marks.by_list,
@@ -68,47 +58,111 @@ def part_type(name: str) -> str:
     return "" if part is None else "_".join(part)
 
 
-def is_followed(name: str, kits: KitMap) -> bool:
-    """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
-    if _type_of(name.partition("::")[0], kits):
-        return True
-    patterns = [tray.match.replace("{place}", "*").replace("{n}", "*") for tray in kits.trays]
-    return any(fnmatchcase(name, p) for p in (*patterns, *(tray.loose for tray in kits.trays)))
+@dataclass(frozen=True)
+class LooseTray:
+    """A model or link, and the box, in its frame, in which the origin of a thing on it lies; sides included.
+
+    Attributes:
+        match: Shell pattern over scoped names: `model` or `model::link`, with the models it is nested in
+            before it.
+        half_length_m: Along x to either side, m.
+        half_width_m: Along y to either side, m.
+        height_m: Above the origin of the tray, m.
+        depth_m: Below it, m.
+    """
+
+    match: str
+    half_length_m: float = parameter(MISSING, unit="m", above=0)
+    half_width_m: float = parameter(MISSING, unit="m", above=0)
+    height_m: float = parameter(MISSING, unit="m", above=0)
+    depth_m: float = parameter(0.02, unit="m", at_least=0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def holds(self, position_m: tuple[float, float, float]) -> bool:
+        """Whether a point lies in the box."""
+        x, y, z = position_m
+        return (
+            abs(x) <= self.half_length_m
+            and abs(y) <= self.half_width_m
+            and -self.depth_m <= z <= self.height_m
+        )
 
 
-def _type_of(model: str, kits: KitMap) -> str:
-    """The type of the product that a model is; empty when it is none."""
-    kind = part_type(model) if kits.names == "part" else product_type(model)
-    return kind if not kits.products or any(fnmatchcase(kind, p) for p in kits.products) else ""
+@dataclass(frozen=True)
+class TrayMatch(LooseTray):
+    """Which model or link is the tray of an AGV or the insert of a station.
+
+    In `match`, `{place}` stands for such as `agv1`, `{n}` for its number.
+
+    Attributes:
+        at: `agv` or `station`.
+        loose: The loose trays that kits are built on; `None` where there are none.
+    """
+
+    at: Literal["agv", "station"] = "agv"
+    loose: LooseTray | None = None
+
+    def pattern_for(self, place: str) -> str:
+        """The pattern for one place.
+
+        >>> TrayMatch("{place}::kit_tray_{n}::*", 1.0, 1.0, 1.0).pattern_for("agv2")
+        'agv2::kit_tray_2::*'
+        """
+        # `{n}`: models of trays are numbered like their AGV, but not named after it.
+        number = place[len(place.rstrip("0123456789")) :]
+        return self.match.replace("{place}", place).replace("{n}", number)
 
 
+@dataclass(frozen=True)
 class KitsOfModels:
     """Finds the kits of ARIAC in the poses of Gazebo's models.
 
     Reads:
         The names and poses of products, trays, AGVs and stations.
+
+    Attributes:
+        names: How the name of a model gives its type: `instance` (the type and a number)
+            or `part` (a name that contains a type and a colour).
+        products: Shell patterns over the types that are products; any where there are none.
+        trays: Where kits lie among the models.
+
     Source:
         ARIAC notes on log formats, sections 4.2 and 4.3; rulebooks 2017 to 2024, model names.
     """
 
-    def follows(self, name: str, kits: KitMap) -> bool:
+    names: Literal["instance", "part"] = "instance"
+    products: tuple[str, ...] = ()
+    trays: tuple[TrayMatch, ...] = ()
+
+    def follows(self, name: str) -> bool:
         """Whether the poses of a model or link, by its scoped name, are needed to find kits."""
-        return is_followed(name, kits)
+        if self.type_of(name.partition("::")[0]):
+            return True
+        patterns = [tray.match.replace("{place}", "*").replace("{n}", "*") for tray in self.trays]
+        patterns += [tray.loose.match for tray in self.trays if tray.loose]
+        return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+    def type_of(self, model: str) -> str:
+        """The type of the product that a model is; empty when it is none."""
+        kind = part_type(model) if self.names == "part" else product_type(model)
+        return kind if not self.products or any(fnmatchcase(kind, p) for p in self.products) else ""
 
     def record(
-        self, t_s: FloatArray, tracks: Iterable[ModelTrack], kits: KitMap, pauses: bool, until_s: float
+        self, t_s: FloatArray, tracks: Iterable[ModelTrack], pauses: bool, until_s: float
     ) -> KitRecord:
         """The contents of kits that the poses show; see `KitPoses`."""
-        return KitPoses(t_s, tracks, kits, pauses=pauses, until_s=until_s)
+        return KitPoses(t_s, tracks, self, pauses=pauses, until_s=until_s)
 
 
-class KitPoses:
+class KitPoses(KitRecord):
     """The contents of kits that the poses of one log show.
 
     Args:
         t_s: Time of each frame, shape (n,), s of trial time, as recorded.
-        tracks: The models and links that `is_followed` asks for.
-        kits: The section of the log map.
+        tracks: The models and links that it follows.
+        kits: Where kits lie.
         pauses: Whether the log leaves out what does not change, so that its last frame
             holds until the next one, however late that is.
         until_s: After this nothing is known, s.
@@ -118,7 +172,7 @@ class KitPoses:
         self,
         t_s: FloatArray,
         tracks: Iterable[ModelTrack],
-        kits: KitMap,
+        kits: KitsOfModels,
         *,
         pauses: bool,
         until_s: float = math.inf,
@@ -127,7 +181,7 @@ class KitPoses:
         # Two runs in one log would be mixed up.
         self._usable = len(t_s) > 0 and float(np.diff(t_s).min(initial=0.0)) >= -LARGEST_STEP_BACK_S
         self._tracks = sorted(tracks, key=lambda track: track.name)
-        self._products = _best_of_each_model(t for t in self._tracks if _type_of(t.model, kits))
+        self._products = _best_of_each_model(t for t in self._tracks if kits.type_of(t.model))
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
         """What lay at a place at a time; `None` when the log does not show it.
@@ -169,35 +223,38 @@ class KitPoses:
         if not bases:
             return None
         # Tracks are sorted by name: of several that match, always the same one.
-        base, footprint, found = bases[0].pose(frame), tray.footprint, None
+        base, found = bases[0].pose(frame), None
+        on: LooseTray = tray
         t_s, faults = float(self._t_s[frame]), _FAULTS[self._kits.names]
         # From 2022 on products are seen on a movable tray alone.
-        if tray.loose and tray.loose_footprint:
-            standing = self._loose(tray, base, frame)
+        if tray.loose:
+            standing = self._loose(tray, tray.loose, base, frame)
             if not standing:
                 return Kit(place, t_s, (), Tray(""), faults)
             if len(standing) > 1:
                 return None  # the simulator takes one of them, and nothing says which
             name, base, found_pose = standing[0]
-            footprint, found = tray.loose_footprint, Tray(name, found_pose)
+            on, found = tray.loose, Tray(name, found_pose)
         lying = []
         for product in self._products:
             if product.exists(frame):
                 pose = product.pose(frame).seen_from(base)
-                if footprint.holds(pose.position_m):
-                    lying.append(Product(_type_of(product.model, self._kits), pose, name=product.model))
+                if on.holds(pose.position_m):
+                    lying.append(Product(self._kits.type_of(product.model), pose, name=product.model))
         return Kit(
             place, t_s, _in_known_order(lying) if self._kits.names == "part" else tuple(lying), found, faults
         )
 
-    def _loose(self, tray: TrayMatch, base: Pose, frame: int) -> list[tuple[str, Pose, Pose]]:
+    def _loose(
+        self, tray: TrayMatch, loose: LooseTray, base: Pose, frame: int
+    ) -> list[tuple[str, Pose, Pose]]:
         """The loose trays that stand on a base: type, pose in the world, and on the base."""
         found = []
         for track in self._tracks:
-            if fnmatchcase(track.name, tray.loose) and track.exists(frame):
+            if fnmatchcase(track.name, loose.match) and track.exists(frame):
                 pose = track.pose(frame)
                 on_base = pose.seen_from(base)
-                if tray.footprint.holds(on_base.position_m):
+                if tray.holds(on_base.position_m):
                     name = track.model if self._kits.names == "part" else product_type(track.model)
                     found.append((name, pose, on_base))
         return found

@@ -13,19 +13,9 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from ariac_score import (
-    COMPETITION_ENDED,
-    COMPETITION_STARTED,
-    Event,
-    Kit,
-    Order,
-    Pose,
-    Product,
-    Task,
-    Tray,
-    WantedProduct,
-)
+from ariac_score import COMPETITION_ENDED, COMPETITION_STARTED, Event, Pose
 from ariac_score_ariac.parts import COLORS, TYPES
+from ariac_score_ariac.work import Kit, Order, Product, Task, Tray, WantedProduct
 
 __all__ = [
     "AriacMsgs2023",

@@ -42,11 +42,13 @@ from ariac_score.engine.prepared import prepare
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import expanded_yaml, rule_set_from_text
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 
 # What fresh processes do is named by a module that they can import, too.
 sys.path.insert(0, str(Path(__file__).parent))
 import batch_hands as hands
+
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 COMPETITION = ROOT / "examples" / "competition" / "2024"

@@ -36,13 +36,15 @@ from ariac_score.logs.containers.source import Source
 from ariac_score.report.text import score_text
 from ariac_score.results.result_file import as_json, load_result
 from ariac_score.review.verify import verify_result
-from ariac_score.testing import Recorded, kitting_trial, write_bag
+from ariac_score.testing import Recorded, write_bag
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 # What fresh processes do is named by a module that they can import, too.
 sys.path.insert(0, str(Path(__file__).parent))
 import batch_hands as hands
 from batch_web import Web, serving
+
+from ariac_score_ariac.testing import kitting_trial
 
 pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 

@@ -30,11 +30,13 @@ from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, PluginError
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 
 # What fresh processes do is named by a module that they can import, too.
 sys.path.insert(0, str(Path(__file__).parent))
 import batch_hands as hands
+
+from ariac_score_ariac.testing import kitting_trial
 
 pytestmark = pytest.mark.slow  # processes and clusters that die
 

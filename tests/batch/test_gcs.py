@@ -22,11 +22,13 @@ from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.results.result_file import as_json
-from ariac_score.testing import Recorded, kitting_trial, write_bag
+from ariac_score.testing import Recorded, write_bag
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 sys.path.insert(0, str(Path(__file__).parent))
 from batch_gcs import Bucket, emulating
+
+from ariac_score_ariac.testing import kitting_trial
 
 os.environ.setdefault("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
 

@@ -23,7 +23,8 @@ from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, plan_batch
 from ariac_score.batch.worker import Done, perform
 from ariac_score.cli import main
 from ariac_score.errors import BatchError, UsageError
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
 executors = pytest.importorskip("ariac_score.batch.ray")

@@ -14,7 +14,8 @@ import pytest
 from ariac_score.batch.index import Row
 from ariac_score.batch.tasks import plan_batch
 from ariac_score.cli import main
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = "ariac2020.as_coded"
 COMMAND = "import sys; sys.path.pop(0); from ariac_score.cli import main; sys.exit(main())"

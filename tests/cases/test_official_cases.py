@@ -22,15 +22,10 @@ import pytest
 from ariac_score import (
     Event,
     Finding,
-    Order,
     Pose,
-    Product,
-    Submission,
-    Task,
     Trial,
     TrialBuilder,
     Verdict,
-    WantedProduct,
     load_rule_set,
     measure_trial,
     score_trial,
@@ -40,8 +35,11 @@ from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Pinned, Provenance, canonical
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.build import merge_trials
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.tasks import NoneFaulty, NoneMissing, NoneUnwanted, OrderTime
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 DEFAULT_FOLDER = SHARED / "ariac" / "cases"
@@ -186,14 +184,14 @@ def order_of(event: Mapping[str, Any]) -> Order:
     return Order(event["order"]["id"], tasks, in_s(event["time"]), updates=event.get("updates", ""))
 
 
-def item_of(event: Mapping[str, Any]) -> Order | Submission | Event:
+def item_of(event: Mapping[str, Any]) -> Order | KitSubmission | Event:
     if event["event"] in ("order_started", "order_updated"):
         return order_of(event)
     if event["event"] == "arm_collision":
         return Event(in_s(event["time"]), "arm_collision")
     assert event["event"] == "shipment_submitted", f"unknown event {event['event']!r}"
     contents = event["contents"]
-    return Submission(
+    return KitSubmission(
         event["shipment_type"],
         in_s(event["time"]),
         delivered_products(contents["products"]),
@@ -201,12 +199,12 @@ def item_of(event: Mapping[str, Any]) -> Order | Submission | Event:
     )
 
 
-def trial_of(items: Sequence[Order | Submission | Event]) -> Trial:
+def trial_of(items: Sequence[Order | KitSubmission | Event]) -> Trial:
     builder = TrialBuilder("case", file="case", clock=Clock("simulated time"))
     builder.witnessed |= {"submissions", "arm_collision", "part_dropped"}
     for item in items:
         builder.add(item)
-    return builder.build()
+    return merge_trials("case", [builder.build()], file="case", competition=Ariac())
 
 
 def orderings(events: Sequence[Mapping[str, Any]], draw: random.Random) -> Iterator[list[dict[str, Any]]]:
@@ -471,7 +469,7 @@ class Simulation:
     def __init__(self, case: Mapping[str, Any]) -> None:
         self.containers: Mapping[str, Any] = case.get("spawned_on_containers", {})
         self.waiting = list(case["orders"])
-        self.items: list[Order | Submission | Event] = []
+        self.items: list[Order | KitSubmission | Event] = []
         self.announced: list[Order] = []
         self.submitted: set[str] = set()
         self.time_s = 0.0
@@ -540,7 +538,7 @@ class Simulation:
     def submit(self, container: str, shipment_type: str) -> None:
         contents = delivered_products(self.containers.get(container, []))
         agv = delivered_agv(f"{container}::{container.rpartition('::')[2]}::tray")
-        self.items.append(Submission(shipment_type, self.time_s, contents, agv))
+        self.items.append(KitSubmission(shipment_type, self.time_s, contents, agv))
         self.submitted.add(shipment_type)
 
 
@@ -610,7 +608,7 @@ class Demonstration:
     def __init__(self, case: Mapping[str, Any]) -> None:
         self.waiting = list(case["orders"])
         self.places: dict[str, list[Mapping[str, Any]]] = {}
-        self.items: list[Order | Submission | Event] = []
+        self.items: list[Order | KitSubmission | Event] = []
         self.time_s = 0.0
         for agv, info in case.get("agv_infos", {}).items():
             self.places[agv] = list(info.get("products", []))
@@ -652,7 +650,7 @@ class Demonstration:
         kind = command["shipment_type"]
         self.announce(lambda order: kind.startswith(f"{order['id']}_"))
         contents = delivered_products(self.places.get(place, []))
-        self.items.append(Submission(kind, self.time_s, contents, agv, station))
+        self.items.append(KitSubmission(kind, self.time_s, contents, agv, station))
 
 
 def demo_order(document: Mapping[str, Any], time_s: float) -> Order:
@@ -800,7 +798,7 @@ def compare_shipment(case: Mapping[str, Any], expected: Mapping[str, Any]) -> No
         if match and right:
             match["xyz"], right = slot["xyz"], right - 1
     task = Task(shipment["type"], products=wanted_products(ordered), agv=shipment["agv"])
-    handed_in = Submission(task.id, 1.0, delivered_products(delivered), "agv1")
+    handed_in = KitSubmission(task.id, 1.0, delivered_products(delivered), "agv1")
     points = referee_of(case).score(trial_of([Order(order["id"], (task,), 0.0), handed_in]))
 
     subject = f"{order['id']}/{task.id}"

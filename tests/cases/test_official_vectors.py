@@ -20,28 +20,16 @@ from typing import Any
 
 import pytest
 
-from ariac_score import (
-    Event,
-    LogError,
-    Order,
-    Pose,
-    Product,
-    RuleSet,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    TrialBuilder,
-    Verdict,
-    WantedProduct,
-    measure_trial,
-)
+from ariac_score import Event, LogError, Pose, RuleSet, Trial, TrialBuilder, Verdict, measure_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Measured, Provenance
 from ariac_score.scoring.expression import Expression
+from ariac_score.trial.build import merge_trials
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.competition import Ariac
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 DEFAULT_FOLDER = Path(__file__).parents[3] / "shared/ariac/vectors"
 
@@ -165,9 +153,9 @@ def order_of(document: Mapping[str, Any]) -> Order:
     )
 
 
-def submission_of(document: Mapping[str, Any], *, tray_is_seen: bool) -> Submission:
+def submission_of(document: Mapping[str, Any], *, tray_is_seen: bool) -> KitSubmission:
     tray = Tray(document["tray"], pose_of(document.get("tray_pose")))
-    return Submission(
+    return KitSubmission(
         document["task"],
         document["time_s"],
         tuple(
@@ -195,7 +183,7 @@ def trial_of(document: Mapping[str, Any]) -> Trial:
         builder.add(Event(end_s, "part_dropped", f"part_{number}"))
     for check in document.get("quality_checks", []):
         builder.add(Event(check["time_s"], "quality_check", check["order"]))
-    return builder.build()
+    return merge_trials("case", [builder.build()], file="case", competition=Ariac())
 
 
 # From a trial to what differs ----------------------------------------------------------

@@ -36,18 +36,12 @@ import yaml
 from ariac_score import (
     Event,
     LogError,
-    Order,
     Pose,
-    Product,
     Result,
     RuleSet,
-    Submission,
-    Task,
     TeamSetup,
-    Tray,
     Trial,
     TrialBuilder,
-    WantedProduct,
     load_rule_set,
     measure_trial,
 )
@@ -62,7 +56,9 @@ from ariac_score.scoring.expression import Expression
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 FOLDER = Path(__file__).parent / "worked"
 REGISTRY = Registry()
@@ -194,10 +190,10 @@ def task_of(document: Mapping[str, Any]) -> Task:
     )
 
 
-def submission_of(document: Mapping[str, Any]) -> Submission:
+def submission_of(document: Mapping[str, Any]) -> KitSubmission:
     no_tray = document.get("tray") == "none"
     tray = product_of(document["tray"]) if "tray" in document and not no_tray else None
-    return Submission(
+    return KitSubmission(
         document["task"],
         float(document["at"]),
         tuple(product_of(text) for text in document["products"]),
@@ -234,7 +230,9 @@ def run_of(document: Mapping[str, Any]) -> Trial:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "results.db"
         store_run(path, document)
-        return merge_trials("case", [AriacDatabaseReader().read(path, Wanted(LogMap("case")))], file=path)
+        return merge_trials(
+            "case", [AriacDatabaseReader().read(path, Wanted(LogMap("case")))], file=path, competition=Ariac()
+        )
 
 
 def trial_of(case: Mapping[str, Any]) -> Trial:
@@ -245,7 +243,9 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
     builder = TrialBuilder("case", file="case", clock=Clock("simulated time"))
     builder.witnessed |= WITNESSED - set(case.get("unwitnessed", []))
     if "sensors" in case or "cost" in case:
-        builder.team = TeamSetup("", case.get("sensors"), case.get("cost"))
+        builder.team = TeamSetup("", case.get("sensors"))
+        if case.get("cost") is not None:
+            builder.add(SensorBill(case["cost"]))
     for document in case["orders"]:
         tasks = tuple(task_of(task) for task in document["tasks"])
         order = Order(
@@ -262,7 +262,7 @@ def built_trial(case: Mapping[str, Any]) -> Trial:
         kind, *more = document.split()
         t_s = next((float(word[3:]) for word in more if word.startswith("at=")), 90.0 + i)
         builder.add(Event(t_s, kind, *[word for word in more if not word.startswith("at=")]))
-    return builder.build()
+    return merge_trials("case", [builder.build()], file="case", competition=Ariac())
 
 
 def cohort_of(case: Mapping[str, Any], rules: str) -> CohortValues:

@@ -99,6 +99,7 @@ SHIPPED = {
     ],
     "ariac_score.decoders": [
         "ariac_msgs.2023",
+        "ariac_score.events",
         "ariac_score.records",
         "nist_gear.2020",
         "nist_gear.2021",
@@ -106,7 +107,8 @@ SHIPPED = {
         "osrf_gear.2018",
         "osrf_gear.2019",
     ],
-    "ariac_score.kits": ["ariac.models"],
+    "ariac_score.tracks": ["ariac.models"],
+    "ariac_score.record_kinds": ["order", "submission"],
     "ariac_score.competitions": ["ariac"],
 }
 

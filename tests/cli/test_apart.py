@@ -13,7 +13,8 @@ import pytest
 
 from ariac_score.cli import main
 from ariac_score.installed.running import _Notes, note_in, noted, running
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 pytestmark = pytest.mark.slow  # processes that die
 

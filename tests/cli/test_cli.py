@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
@@ -247,7 +248,7 @@ def test_info_says_what_a_log_holds_and_what_could_be_decided(capsys: pytest.Cap
     out = capsys.readouterr().out
     assert "/snapshot" in out
     assert "100.0 Hz" in out
-    assert "order order_1, priority 1, announced 8.000 s" in out
+    assert "order order_1, parts 2, priority 1, announced 8.000 s" in out
     assert "separation           can be decided" in out
 
 

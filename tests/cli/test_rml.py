@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
-from ariac_score.testing import kitting_trial
 from ariac_score.testing.bags import Storage, write_bag
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 ROOT = Path(__file__).parents[2]

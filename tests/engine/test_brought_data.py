@@ -19,8 +19,9 @@ from ariac_score.platforms.submission import LOG_MAP, rules_and_log_map
 from ariac_score.results.result_file import load_result
 from ariac_score.review.verify import verify_result
 from ariac_score.scoring.ruleset import installed_rule_sets, rule_set_names
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
 from ariac_score.trial.model import Body
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 SETS, MAPS, PENALTIES = (f"ariac_score.{name}" for name in ("rule_sets", "log_maps", "penalties"))

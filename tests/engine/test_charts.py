@@ -13,7 +13,8 @@ from ariac_score import Chart, Charting, Finding, SignalNeed, Trial, load_rule_s
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.ask import charts_of, margins_of
 from ariac_score.errors import PluginError
-from ariac_score.testing import NEAR_MISS, kitting_trial
+from ariac_score.testing import NEAR_MISS
+from ariac_score_ariac.testing import kitting_trial
 
 TRIAL = kitting_trial()
 RULES = load_rule_set("paper2020")

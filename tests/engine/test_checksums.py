@@ -10,7 +10,8 @@ import pytest
 from ariac_score import score_trial
 from ariac_score.cli import main
 from ariac_score.errors import DataFileError, LogError
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = "ariac2020.as_coded"
 

@@ -21,7 +21,6 @@ from ariac_score import (
     Body,
     Event,
     Measured,
-    Order,
     Result,
     RuleSet,
     ScoreError,
@@ -42,7 +41,9 @@ from ariac_score.errors import DataFileError, LogError, PluginError
 from ariac_score.installed.points import installed_points
 from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
-from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import NEAR_MISS, SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.work import Order
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -13,8 +13,9 @@ from ariac_score.checks.registry import Plugin, package_sha256
 from ariac_score.engine.facts import refuse_other_facts
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import LogError, PluginConflictError, PluginError
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
 from ariac_score.trial.work import Item
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 GROUP = "ariac_score.fact_schemas"

@@ -20,11 +20,12 @@ from ariac_score.cli import main
 from ariac_score.engine.ask import ask
 from ariac_score.errors import PluginError
 from ariac_score.installed.points import installed_points
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.testing import kitting_trial
 
 T = np.arange(101) * 0.1
 TRIAL = Trial(

@@ -15,7 +15,8 @@ from ariac_score.checks.registry import package_sha256
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import PluginConflictError
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 RULES = "ariac2020.as_coded"
@@ -25,12 +26,12 @@ NAMING = """
 from ariac_score import LogDefect
 
 class Cup:
-    def unknown_products(self, orders, edition):
-        return [LogDefect("unknown_product_type", "orders", 1, "no cup has it")] if edition == 2020 else []
+    def defects(self, trial):
+        return [LogDefect("unknown_product_type", "orders", 1, "no cup has it")]
 """
 SILENT = """
 class Cup:
-    def unknown_products(self, orders, edition):
+    def defects(self, trial):
         return ()
 """
 
@@ -80,19 +81,18 @@ def test_a_competition_that_two_distributions_provide_is_refused_and_both_are_na
         score_trial(log, RULES)
 
 
-def test_a_competition_is_in_the_provenance_when_it_has_named_a_defect(install: Install, log: Path) -> None:
+def test_a_competition_that_nobody_names_takes_no_part(install: Install, log: Path) -> None:
     install("fair-cup", {"fair_cup": "Cup"}, source=NAMING, group=COMPETITIONS)
-    install("other-cup", {"other_cup": "Cup"}, source=SILENT, group=COMPETITIONS)
 
     result = score_trial(log, RULES)
 
-    assert "no cup has it" in [defect.message for defect in result.measured.log_defects]
-    assert {code.distribution for code in result.provenance.code} == {"ariac-score", "fair-cup"}
+    assert "no cup has it" not in [defect.message for defect in result.measured.log_defects]
+    assert {code.distribution for code in result.provenance.code} == {"ariac-score"}
 
 
 def test_the_finder_of_kits_is_in_the_provenance(install: Install, log: Path, tmp_path: Path) -> None:
     source = "from ariac_score_ariac.kit_from_poses import KitsOfModels\nclass Finder(KitsOfModels): ..."
-    install("fair-kits", {"fair.kits": "Finder"}, source=source, group="ariac_score.kits")
+    install("fair-kits", {"fair.kits": "Finder"}, source=source, group="ariac_score.tracks")
     shipped = Path(load_rule_set(RULES).file).parents[1] / "ariac2020" / "log_map.yaml"
     text = shipped.read_text(encoding="utf-8").replace("use: ariac.models", "use: fair.kits")
     (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
@@ -106,7 +106,7 @@ def test_the_finder_of_kits_is_in_the_provenance(install: Install, log: Path, tm
     assert (found, own) == ({"ariac-score"}, {"ariac-score", "fair-kits"})
 
 
-@pytest.mark.parametrize("group", [COMPETITIONS, "ariac_score.kits", "ariac_score.readers"])
+@pytest.mark.parametrize("group", [COMPETITIONS, "ariac_score.tracks", "ariac_score.readers"])
 def test_the_address_of_a_measurement_changes_with_the_code_of_what_may_take_part(
     install: Install, tmp_path: Path, group: str
 ) -> None:
@@ -120,7 +120,7 @@ def test_the_address_of_a_measurement_changes_with_the_code_of_what_may_take_par
     assert len({before, installed, basis_of(prepare(RULES))}) == 3
 
 
-@pytest.mark.parametrize("group", ["readers", "decoders", "kits", "competitions"])
+@pytest.mark.parametrize("group", ["readers", "decoders", "tracks", "record_kinds", "competitions"])
 def test_a_package_that_is_nowhere_stops_no_measurement(install: Install, tmp_path: Path, group: str) -> None:
     module = install("odd-rules", {"odd.one": "Odd"}, group=f"ariac_score.{group}")
     (file,) = tmp_path.rglob(f"{module}.py")
@@ -135,7 +135,7 @@ def test_another_finder_of_kits_changes_nothing_for_shipped_rules(
     install: Install, tmp_path: Path, year: int
 ) -> None:
     source = "raise RuntimeError('nobody may load this')"
-    install("odd-kits", {"odd.kits": "Finder"}, source=source, group="ariac_score.kits")
+    install("odd-kits", {"odd.kits": "Finder"}, source=source, group="ariac_score.tracks")
     log = write_trial_log(tmp_path / "trial.jsonl", kitting_trial())
 
     result = score_trial(log, "ariac2020.as_coded", log_map=f"ariac{year}")

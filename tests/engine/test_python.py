@@ -47,7 +47,8 @@ from ariac_score.errors import FormulaError, LocalPluginError, PluginError, Rule
 from ariac_score.results.notebook import result_html
 from ariac_score.review.verify import verify_result
 from ariac_score.scoring.ruleset import rule_set_from_text
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 LOG = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 RULES = load_rule_set("paper2020")

@@ -36,8 +36,9 @@ from ariac_score.results.result import Setting, Settings
 from ariac_score.results.result_file import check_follows, measured_sha256
 from ariac_score.review.verify import verify_result
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.testing import contract_checks, made_trial
+from ariac_score.testing import contract_checks
 from ariac_score.testing.contract_check import ContractError
+from ariac_score_ariac.testing import kitting_trial, made_trial
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "examples/kitting_near_miss.mcap"
@@ -110,7 +111,6 @@ def test_the_standard_profile_takes_the_sum_apart(tmp_path: Path) -> None:
 @pytest.mark.parametrize("profile", ["seed", "ariac2023", "ariac2023_agent", "standard"])
 def test_what_a_profile_comes_to_given_by_hand_is_the_same_monitor(profile: str, tmp_path: Path) -> None:
     """The values that are told are those that count: with them alone the same is found."""
-    from ariac_score.testing import kitting_trial  # noqa: PLC0415
     from ariac_score.trial.derive import Derivation, derive_signals  # noqa: PLC0415
 
     kind = REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation").load()

@@ -14,6 +14,7 @@ from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.config.ariac_config import TrialConfigReader
 from ariac_score_ariac.config.team_config import TeamConfigReader, TeamNameReader
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
@@ -473,4 +474,6 @@ def test_the_files_of_a_team_of_2024_make_one_team(tmp_path: Path) -> None:
     trials = [readers[part.reader].read(part.path, Wanted(LogMap("test"))) for part in parts]
 
     assert [part.role for part in parts] == ["team_name", "sensor_cost", "team_config"]
-    assert merge_trials("t", trials, file="f").team == TeamSetup("blue", {"front": "lidar"}, 300.0)
+    assert merge_trials("t", trials, file="f", competition=Ariac()).team == TeamSetup(
+        "blue", {"front": "lidar"}
+    )

@@ -18,10 +18,10 @@ from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.logs.gather import collector
 from ariac_score.logs.gather.collector import Collector
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, LogMap, TrayMatch
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap, PluginUse
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.spans import Span
-from ariac_score_ariac.kit_from_poses import KitsOfModels
+from ariac_score_ariac.kit_from_poses import KitsOfModels, TrayMatch
 
 ORIGIN_NS = 1_585_866_235_112_411_371
 TF, STATES, LINKS = "tf2_msgs/msg/TFMessage", "gazebo_msgs/msg/ModelStates", "gazebo_msgs/msg/LinkStates"
@@ -119,7 +119,7 @@ class Recording:
         return self._make("geometry_msgs/msg/TransformStamped", header, NAMES[child], transform)
 
 
-TRAY = TrayMatch("agv", "{place}::tray", Footprint(1.0, 1.0, 1.0))
+TRAY = TrayMatch("{place}::tray", 1.0, 1.0, 1.0)
 LOG_MAP = LogMap(
     "test",
     (
@@ -145,7 +145,7 @@ LOG_MAP = LogMap(
     models=(BodyMatch("human", "human"), BodyMatch("agv*", "agv", links=("tray",))),
     frames=(BodyMatch("torso", "robot", "gantry", links=("arm", "hand")), BodyMatch("ghost", "human")),
     root_frame="world",
-    kits=KitMap(products=("gear_part*",), trays=(TRAY,)),
+    tracks=PluginUse("ariac.models"),
 )
 
 
@@ -155,7 +155,10 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
         if not together:
             patch.setattr(collector, "columns_for", lambda *_: None)
         quantities = frozenset({"speed", "position", "velocity"})
-        taken = Collector(Wanted(LOG_MAP, quantities, kits=KitsOfModels()), Path("t.bag"))
+        taken = Collector(
+            Wanted(LOG_MAP, quantities, tracks=KitsOfModels(products=("gear_part*",), trays=(TRAY,))),
+            Path("t.bag"),
+        )
         builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
         builder.recorded = Span(0.0, 9.0)
         try:
@@ -172,7 +175,7 @@ def gathered(items: list[Any], flush_every: int | None, *, together: bool) -> An
     }
     kits = [
         [(t.name, t.frames.tolist(), t.poses.tobytes(), t.deleted.tolist()) for t in record._tracks]  # type: ignore[attr-defined]
-        for record in builder.kit_records
+        for record in builder.records
     ]
     defects = sorted(map(repr, builder._defects.values()))
     return signals, builder.bodies, builder.unrecorded, builder.witnessed, defects, kits

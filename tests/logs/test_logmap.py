@@ -9,7 +9,7 @@ import pytest
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import LogMapError
 from ariac_score.logs.logmap import load_log_map, log_map_names
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, Footprint, KitMap, TrayMatch
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, PluginUse
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
@@ -33,17 +33,10 @@ channels:
     witnesses: [submissions]
 models:
   - {match: "person_*", kind: human, links: ["*hand*"]}
-kits:
-  names: part
-  max_age_s: 2
-  products: ["pump_*"]
-  trays:
-    - at: station
-      match: "*::{place}_{n}"
-      half_length_m: 0.2
-      half_width_m: 0.3
-      height_m: 0.4
-      loose: {match: "tray_*", half_length_m: 0.1, half_width_m: 0.15, height_m: 0.1}
+tracks:
+  use: ariac.models
+  with: {names: part}
+competition: {use: ariac}
 """
 
 
@@ -101,11 +94,8 @@ def test_a_sound_log_map_is_read_as_written(written: Path) -> None:
         "/events", decoder="ariac_score.records", witnesses=("submissions",)
     )
     assert log_map.models == (BodyMatch("person_*", "human", links=("*hand*",)),)
-    tray = TrayMatch(
-        "station", "*::{place}_{n}", Footprint(0.2, 0.3, 0.4, 0.02), "tray_*", Footprint(0.1, 0.15, 0.1, 0.02)
-    )
-    assert log_map.kits == KitMap(2.0, "part", ("pump_*",), (tray,))
-    assert tray.pattern_for("as3") == "*::as3_3"
+    assert log_map.tracks == PluginUse("ariac.models", {"names": "part"})
+    assert log_map.competition == PluginUse("ariac")
     assert (log_map.root_frame, log_map.speed_window_s) == ("world", 0.0)
 
 
@@ -142,7 +132,13 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "'heder' is not allowed",
             "'header'",
         ),
-        ("kind: robot,", "kind: robt,", "line 5, $.bodies.robot.kind", "'robt' is not allowed", "'robot'"),
+        (
+            "kind: robot,",
+            "kind: Robot,",
+            "line 5, $.bodies.robot.kind",
+            "'Robot' does not match",
+            "Such as robot",
+        ),
         (
             "radius_m: 0.3",
             "radius_m: -0.3",
@@ -259,17 +255,8 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "1 is not of type 'boolean'",
             "",
         ),
-        (
-            "half_length_m: 0.2",
-            "half_lenght_m: 0.2",
-            "$.kits.trays[0].half_lenght_m",
-            "unknown key 'half_lenght_m'",
-            "did you mean 'half_length_m'?",
-        ),
-        ("half_length_m: 0.2", "half_length_m: 0", "$.kits.trays[0].half_length_m", "0 is less than or", ""),
-        ("names: part", "names: parts", "$.kits.names", "'parts' is not allowed", "'part'"),
-        ("max_age_s: 2", "max_age_s: -2", "$.kits.max_age_s", "-2 is less than the minimum", ""),
-        ("height_m: 0.1}", "depth_m: 0.1}", "$.kits.trays[0].loose", "key 'height_m' is missing", "add"),
+        ("with: {names", "wiht: {names", "$.tracks.wiht", "unknown key 'wiht'", "did you mean 'with'?"),
+        ("tracks:\n  use: ariac.models\n", "tracks:\n", "$.tracks", "key 'use' is missing", "add"),
         ("id: example", "id: Example 1", "line 1, $.id", "'Example 1' does not match", ""),
     ],
 )

@@ -15,13 +15,13 @@ import pytest
 
 from ariac_score.checks.contracts import Decoder, LogDescription, Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import Span
 from ariac_score_ariac.messages import AriacMsgs2023, NistGear2020
+from ariac_score_ariac.recorder_messages import AriacScoreRecords
 
 READER = RosbagReader()
 BAGS = Path(__file__).parents[2].parent / "shared" / "bags"

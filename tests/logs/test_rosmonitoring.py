@@ -22,9 +22,10 @@ from ariac_score.logs.rosmonitoring import (
     rows,
     stamp_s,
 )
-from ariac_score.testing import kitting_trial, write_bag, write_event_log
+from ariac_score.testing import write_bag, write_event_log
 from ariac_score.trial.channels import Channel, FieldMap
 from ariac_score_ariac.messages import NistGear2020
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 READER = RosMonitoringReader()

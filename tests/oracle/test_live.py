@@ -26,7 +26,8 @@ from ariac_score.errors import RuleSetError  # noqa: E402
 from ariac_score.oracle.conversation import Conversation  # noqa: E402
 from ariac_score.oracle.judges import SpecBench  # noqa: E402
 from ariac_score.oracle.replay import replay  # noqa: E402
-from ariac_score.testing import kitting_trial, write_event_log  # noqa: E402
+from ariac_score.testing import write_event_log  # noqa: E402
+from ariac_score_ariac.testing import kitting_trial  # noqa: E402
 from ariac_score_ariac.testing.recordings import recorded_messages  # noqa: E402
 
 pytestmark = pytest.mark.slow  # servers on this machine

@@ -29,7 +29,8 @@ from ariac_score.oracle.judges import RulesBench  # noqa: E402
 from ariac_score.oracle.results import report_json, write_results  # noqa: E402
 from ariac_score.oracle.server import Limits, Oracle, Pace  # noqa: E402
 from ariac_score.results.result_file import findings_json  # noqa: E402
-from ariac_score.testing import kitting_trial, monitored_events, write_event_log  # noqa: E402
+from ariac_score.testing import monitored_events, write_event_log  # noqa: E402
+from ariac_score_ariac.testing import kitting_trial  # noqa: E402
 from ariac_score_ariac.testing.recordings import recorded_messages  # noqa: E402
 
 pytestmark = pytest.mark.slow  # servers on this machine

@@ -34,10 +34,12 @@ from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
 from ariac_score.platforms.submission import load_phase, phase_text
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 
 sys.path.insert(0, str(Path(__file__).parent))
 from platform_cases import ORGANISERS, SCORE, trial_config, without_orders
+
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = "ariac2020.as_coded"
 IMAGE = f"example.org/ariac-score@sha256:{'a' * 64}"

@@ -35,10 +35,12 @@ from ariac_score.platforms.evalai import (
 )
 from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
 from ariac_score.platforms.submission import Phase, load_phase, phase_text
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 
 sys.path.insert(0, str(Path(__file__).parent))
 from platform_cases import ORGANISERS, SCORE, trial_config, without_orders
+
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = "ariac2020.as_coded"
 LABELS = [column.key for column in COLUMNS]

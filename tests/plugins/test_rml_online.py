@@ -26,7 +26,8 @@ from ariac_score import (
     Verdict,
     align,
 )
-from ariac_score.testing import ContractCheck, contract_checks, made_trial
+from ariac_score.testing import ContractCheck, contract_checks
+from ariac_score_ariac.testing import made_trial
 from ariac_score_rml import RmlSpec, compile_rml, run_trace
 from ariac_score_rml.automaton import watch_by_interpreter
 from ariac_score_rml.columns import Stream, Topic

@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict, load_rule_set, score_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import RuleSetError
-from ariac_score.testing import kitting_trial
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_rml import RmlSpec, compile_rml
 from ariac_score_standards import SsmSeparation
 

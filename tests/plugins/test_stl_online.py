@@ -25,7 +25,8 @@ from ariac_score import (
     Verdict,
     uncovered_spans,
 )
-from ariac_score.testing import ContractCheck, contract_checks, made_trial
+from ariac_score.testing import ContractCheck, contract_checks
+from ariac_score_ariac.testing import made_trial
 from ariac_score_stl import StlFormula, discrete
 from ariac_score_stl.discrete import Discrete
 from ariac_score_stl.margins import NEXT_TO_ZERO, decisive, margins

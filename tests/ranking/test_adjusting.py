@@ -23,7 +23,8 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.steward import Adjustment
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 COMPETITION = ROOT / "examples/competition/2024"

@@ -16,7 +16,8 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.result_file import as_json, load_result
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.sheet import ScoreSheet
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 RULES = (
     "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nscore: task\n"

@@ -7,14 +7,9 @@ from pathlib import Path
 
 from ariac_score import (
     Body,
-    Order,
-    Product,
     Provenance,
     Result,
-    Submission,
-    Task,
     Trial,
-    WantedProduct,
     as_json,
     load_result,
     measure_trial,
@@ -25,7 +20,9 @@ from ariac_score.engine.measure import sketch_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.report.html.trial import trial_page
 from ariac_score.results.result import Pinned, Setting, Settings, Source
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
 
@@ -102,7 +99,7 @@ def _renamed(trial: Trial) -> Trial:
         )
         orders.append(Order(name, (Task(f"{name}_0", products=products, agv=task.agv),), order.announced_s))
         submissions.append(
-            Submission(
+            KitSubmission(
                 f"{name}_0", 14.0 + i, tuple(Product(word, products[0].pose) for word in HOSTILE), "agv1"
             )
         )

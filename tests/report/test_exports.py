@@ -23,7 +23,8 @@ from ariac_score import Finding, Result, Span, Verdict, load_result, score_trial
 from ariac_score.cli import main
 from ariac_score.report.exports import export_names, exported
 from ariac_score.report.text import score_text
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"

@@ -496,7 +496,8 @@ def test_numbers_of_a_table_stay_numbers() -> None:
 
 def calm_competition(folder: Path, *, bodies_witnessed: bool) -> Path:
     """Two teams, two runs each, and nobody in the cell in any; alpha fills all orders, beta half."""
-    from ariac_score.testing import kitting_trial, write_trial_log  # noqa: PLC0415  # only here
+    from ariac_score.testing import write_trial_log  # noqa: PLC0415  # only here
+    from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
 
     for team in ("alpha", "beta"):
         (folder / team).mkdir(parents=True)

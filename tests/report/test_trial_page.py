@@ -45,7 +45,8 @@ from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.results.sketch import DrawnChart, DrawnPath, Sketch, sketch_of
 from ariac_score.scoring.ledger import Line
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 RESULT = PAGES.EXAMPLE

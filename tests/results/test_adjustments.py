@@ -22,8 +22,9 @@ from ariac_score.results.adjustments import adjust, adjustments_template, load_a
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.ledger import reconcile
 from ariac_score.scoring.policy import ideal
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.testing.stored import rewritten
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"

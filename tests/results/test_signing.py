@@ -24,7 +24,8 @@ from ariac_score.results.signing import (
     signature_file,
     verify_signature,
 )
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 ALGORITHM, HASHED = b"Ed", b"ED"  # the page of minisign, "signature format"
 

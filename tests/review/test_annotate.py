@@ -35,14 +35,9 @@ from ariac_score.review.annotate import messages_of, origin_ns
 from ariac_score.review.annotation_messages import mcap_bytes
 from ariac_score.review.margins import MarginSeries, Moment, read_again, tracks
 from ariac_score.scoring.ruleset import Check
-from ariac_score.testing import (
-    SNAPSHOT_SIGNALS,
-    kitting_trial,
-    made_trial,
-    write_bag,
-    write_trial_log,
-)
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_trial_log
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.testing import kitting_trial, made_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 ROOT = Path(__file__).parents[2]

@@ -10,20 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score import (
-    Event,
-    Finding,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    TrialBuilder,
-    WantedProduct,
-    load_rule_set,
-)
+from ariac_score import Event, Finding, Pose, Trial, TrialBuilder, load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, FormulaError, NothingToScoreError, RuleSetError, UsageError
@@ -33,8 +20,10 @@ from ariac_score.review.audit import AGREE, AUDIT, CANNOT_BE_JUDGED, DIFFER, STA
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.scope import Scope
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.trial.clock import Clock
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 # The made kitting trial under the rules of 2020, worked by hand. order_0: of three products one has
 # the wrong colour, so type 3, colour 2, pose 2, bonus 0: 7. order_1: of two products one lies 31 mm
@@ -392,7 +381,7 @@ def kit_of_2024(folder: Path, text: str = TEXT_2024) -> Path:
         Event(0.0, "competition_started"),
         Event(90.0, "competition_ended"),
         Order("KIT00001", (task,), 0.0),
-        Submission("KIT00001", 80.0, held, "agv2", "as1", Tray("kit_tray_03")),
+        KitSubmission("KIT00001", 80.0, held, "agv2", "as1", Tray("kit_tray_03")),
     ]
     for item in items:
         builder.add(item)

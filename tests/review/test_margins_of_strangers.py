@@ -14,7 +14,7 @@ from ariac_score.checks.registry import Plugin
 from ariac_score.engine.prepared import PreparedCheck, prepare
 from ariac_score.errors import PluginError
 from ariac_score.review.margins import tracks
-from ariac_score.testing import kitting_trial
+from ariac_score_ariac.testing import kitting_trial
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 

@@ -10,12 +10,8 @@ import pytest
 from ariac_score import load_rule_set
 from ariac_score.cli import main
 from ariac_score.review.readiness import Readiness, check_log
-from ariac_score.testing import (
-    SNAPSHOT_SIGNALS,
-    kitting_trial,
-    write_bag,
-    write_trial_log,
-)
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
 ROOT = Path(__file__).parents[2]

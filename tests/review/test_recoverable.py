@@ -9,7 +9,8 @@ import pytest
 
 from ariac_score import Result, Trial, score_trial
 from ariac_score.review.lost_points import recoverable_losses
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 
 def _scored(folder: Path, trial: Trial) -> Result:

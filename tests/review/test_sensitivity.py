@@ -14,7 +14,8 @@ from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.errors import ResultError, RuleSetError
 from ariac_score.review.sensitivity import NEEDS_LOG, UNUSED, ScoreSensitivity, knobs_of, score_sensitivity
-from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
 ROOT = Path(__file__).parents[2]

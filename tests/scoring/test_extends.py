@@ -194,7 +194,8 @@ def test_diff_over_a_folder_without_results_is_refused(
 
 
 def test_a_result_that_was_withheld_can_be_priced_under_a_rule_set_with_a_policy(tmp_path: Path) -> None:
-    from ariac_score.testing import kitting_trial, write_trial_log  # noqa: PLC0415  # only this test makes a log
+    from ariac_score.testing import write_trial_log  # noqa: PLC0415  # only this test makes a log
+    from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
 
     log = write_trial_log(tmp_path / "t.jsonl", kitting_trial(human=False), signals=["speed/robot"])
     withheld = score_trial(log, "paper2020")

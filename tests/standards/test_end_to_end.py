@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ariac_score import Body, Event, Order, Signal, Span, Task, Trial, load_result
+from ariac_score import Body, Event, Signal, Span, Trial, load_result
 from ariac_score.cli import main
 from ariac_score.testing import write_trial_log
+from ariac_score_ariac.work import Order, Task
 
 T = np.arange(1001) / 100
 BODIES = (

@@ -28,10 +28,11 @@ from ariac_score import (
     Verdict,
 )
 from ariac_score.checks.registry import Registry
-from ariac_score.testing import contract_checks, made_trial
+from ariac_score.testing import contract_checks
 from ariac_score.testing.contract_check import ContractError
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score_ariac.safety import HumanContact
+from ariac_score_ariac.testing import made_trial
 from ariac_score_rml import RmlSpec
 from ariac_score_standards import (
     AgvProtectiveField,

@@ -23,8 +23,9 @@ from ariac_score import (
     Verdict,
     align,
 )
-from ariac_score.testing import SNAPSHOT_SIGNALS, contract_checks, kitting_trial, made_trial
+from ariac_score.testing import SNAPSHOT_SIGNALS, contract_checks
 from ariac_score_ariac.safety import HumanContact, NoEvent
+from ariac_score_ariac.testing import kitting_trial, made_trial
 from ariac_score_standards import SsmSeparation, SsmSpeedCap
 from ariac_score_standards.formula import Always, Never
 

@@ -32,13 +32,12 @@ from ariac_score.testing import (
     ContractCheck,
     ContractError,
     contract_checks,
-    kitting_trial,
-    made_trial,
     write_event_log,
     write_trial_log,
 )
 from ariac_score.testing.pages import example_parameters
 from ariac_score.testing.variants import SIGNAL_VARIANTS, reordered, shifted
+from ariac_score_ariac.testing import kitting_trial, made_trial
 from ariac_score_ariac.testing.official_database import write_database_competition
 from ariac_score_ariac.testing.recordings import recorded_messages
 
@@ -472,7 +471,7 @@ def test_a_rule_that_assumes_submissions_is_named(install: Install) -> None:
         @dataclass(frozen=True)
         class Plugin:
             def judge(self, trial, order):
-                done = any(s.task_id == order.tasks[0].id for s in trial.submissions)
+                done = any(s.item_id == order.tasks[0].id for s in trial.submissions)
                 make = Finding.satisfied if done else Finding.violated
                 yield make(order.id, "handed in" if done else "not handed in")
         """

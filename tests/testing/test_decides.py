@@ -11,9 +11,10 @@ import pytest
 
 from ariac_score import Finding, MissingSignalError, SignalNeed, Trial, Verdict, parameter
 from ariac_score.errors import PluginError
-from ariac_score.testing import contract_checks, made_trial
+from ariac_score.testing import contract_checks
 from ariac_score.testing.contract import ContractCheck
 from ariac_score.testing.forced import MOST_TRIALS, forced_trials
+from ariac_score_ariac.testing import made_trial
 
 
 @dataclass(frozen=True)

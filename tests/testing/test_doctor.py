@@ -12,8 +12,9 @@ import pytest
 
 from ariac_score.checks.registry import package_sha256
 from ariac_score.cli import main
-from ariac_score.testing import kitting_trial, write_trial_log
+from ariac_score.testing import write_trial_log
 from ariac_score.testing.doctor import ailments
+from ariac_score_ariac.testing import kitting_trial
 
 Install = Callable[..., str]
 
@@ -62,7 +63,7 @@ ILL: dict[str, tuple[str, str, str]] = {
         "def judge(self, trial)",
         "has judge(self, trial) where",
     ),
-    "of an older kind": ("def judge(", "def check(", "has no judge(trial, order)"),
+    "of an older kind": ("def judge(", "def check(", "has no judge(trial, item)"),
     "no class": (
         "\n@dataclass",
         "\ndef Rule():\n    return 1\n\n@dataclass",

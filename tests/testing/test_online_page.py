@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from ariac_score import Verdict
-from ariac_score.testing import ContractCheck, contract_checks, made_trial
+from ariac_score.testing import ContractCheck, contract_checks
+from ariac_score_ariac.testing import made_trial
 
 PAGE = (Path(__file__).parents[2] / "docs/online.md").read_text(encoding="utf-8")
 TRIAL = made_trial()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ariac_score.errors import LogError
-from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials, settle_orders
+from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import (
     ARM_COLLISION,
@@ -18,20 +18,12 @@ from ariac_score.trial.events import (
     WATCHING,
     Event,
 )
-from ariac_score.trial.model import (
-    Body,
-    LogDefect,
-    OfficialResult,
-    Order,
-    Product,
-    Submission,
-    Task,
-    TeamSetup,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.competition import Ariac
+from ariac_score_ariac.joining import settle_orders
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, WantedProduct, sensor_cost
 
 FIRST, SECOND, THIRD = Task("first"), Task("second"), Task("third")
 
@@ -45,7 +37,8 @@ def signal(name: str = "speed/human", t: tuple[float, ...] = (0.0, 1.0)) -> Sign
 
 
 def merged(*parts: Trial) -> Trial:
-    return merge_trials("whole", parts, file="bundle")
+    competition = Ariac()
+    return competition.complete(merge_trials("whole", parts, file="bundle", competition=competition))
 
 
 # Orders --------------------------------------------------------------------------------
@@ -107,8 +100,11 @@ def test_an_order_announced_again_with_other_contents_is_refused() -> None:
 @pytest.mark.parametrize(
     ("order", "what"),
     [
-        (Order("a", (Task("a_0"), Task("a_0"))), "two shipments named 'a_0'"),
-        (Order("a", (Task("a_0", products=(WantedProduct("p", "x"),) * 2),)), "two slots named 'p'"),
+        (Order("a", (Task("a_0"), Task("a_0"))), "order 'a' holds two items named 'a_0'"),
+        (
+            Order("a", (Task("a_0", products=(WantedProduct("p", "x"),) * 2),)),
+            "submission 'a_0' holds two items named 'p'",
+        ),
     ],
 )
 def test_an_order_in_which_two_things_have_one_name_is_refused(order: Order, what: str) -> None:
@@ -121,7 +117,7 @@ def _course(*times: float | None, submitted: tuple[float, ...] = (5.0,)) -> Tria
     events = [] if start is None else [Event(start, COMPETITION_STARTED)]
     events += [] if end is None else [Event(end, COMPETITION_ENDED)]
     orders = (Order("a", (Task("a_0"),), announced_s=1.0),)
-    submissions = tuple(Submission("a_0", t_s) for t_s in submitted)
+    submissions = tuple(KitSubmission("a_0", t_s) for t_s in submitted)
     return Trial("t", work=orders, submissions=submissions, events=tuple(events), recorded=Span(0.0, 20.0))
 
 
@@ -151,7 +147,7 @@ def test_a_competition_without_a_window_is_watched_whole_and_said_to_be(
 
 def test_submissions_that_repeat_or_answer_nothing_are_counted() -> None:
     course = _course(2.0, 10.0, submitted=(5.0, 6.0))
-    stray = replace(course, submissions=(*course.submissions, Submission("nobodys", 7.0)))
+    stray = replace(course, submissions=(*course.submissions, KitSubmission("nobodys", 7.0)))
 
     defects = {d.kind: d.count for d in merged(stray).log_defects}
     assert defects == {"repeated_submission": 1, "unknown_shipment": 1}
@@ -186,7 +182,7 @@ def test_everything_comes_in_order_of_time_and_events_once() -> None:
     found = builder()
     for t_s in (5.0, 1.0, 5.0):
         found.add(Event(t_s, ARM_COLLISION))
-        found.add(Submission("task", t_s))
+        found.add(KitSubmission("task", t_s))
 
     trial = found.build()
     assert [event.t_s for event in trial.events] == [1.0, 5.0]
@@ -197,7 +193,7 @@ def test_the_recording_spans_everything_with_a_time_unless_the_reader_knows_bett
     found = builder()
     found.add_signal("speed/human", "m/s", np.array([2.0, 3.0]), np.zeros(2))
     found.add(Event(1.0, ARM_COLLISION))
-    found.add(Submission("task", 7.0))
+    found.add(KitSubmission("task", 7.0))
     assert found.build().recorded == Span(1.0, 7.0)
 
     found.recorded = Span(0.0, 9.0)
@@ -328,7 +324,7 @@ def test_events_bodies_defects_and_witnesses_of_several_logs_add_up() -> None:
 
 
 ORDERS = (Order("a", (FIRST,), announced_s=1.0),)
-SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
+SUBMITTED = (KitSubmission("task", 1.0, (Product("gear"),)),)
 
 
 @pytest.mark.parametrize(
@@ -341,7 +337,7 @@ SUBMITTED = (Submission("task", 1.0, (Product("gear"),)),)
         ),
         (
             Trial("a", submissions=SUBMITTED),
-            Trial("b", submissions=(Submission("task", 2.0, (Product("gear"),)),)),
+            Trial("b", submissions=(KitSubmission("task", 2.0, (Product("gear"),)),)),
             "submissions",
         ),
         (Trial("a", team=TeamSetup("x")), Trial("b", team=TeamSetup("y")), "a team set-up"),
@@ -400,7 +396,7 @@ def test_orders_as_announced_stand_before_orders_as_configured() -> None:
 
 
 def test_submissions_with_contents_stand_before_those_without() -> None:
-    text = Trial("a", submissions=(Submission("task", 30.0),))
+    text = Trial("a", submissions=(KitSubmission("task", 30.0),))
 
     assert merged(text, Trial("b", submissions=SUBMITTED)).submissions == SUBMITTED
 
@@ -412,7 +408,7 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     text = Trial(
         "text",
         events=(Event(900.0, ARM_COLLISION), Event(800.0, COMPETITION_STARTED)),
-        submissions=(Submission("task", 950.0),),
+        submissions=(KitSubmission("task", 950.0),),
         recorded=Span(800.0, 950.0),
         clocks=(Clock("simulated time"),),
     )
@@ -432,7 +428,7 @@ def test_an_order_of_very_many_products_is_taken_at_once() -> None:
     taken = builder()
 
     taken.add(Order("order_0", (Task("shipment", products=products),)))
-    with pytest.raises(LogError, match="two slots named 'part_299999'"):
+    with pytest.raises(LogError, match="two items named 'part_299999'"):
         taken.add(Order("order_1", (Task("shipment", products=(*products, products[-1])),)))
 
     assert [order.id for order in taken.work] == ["order_0"]
@@ -449,7 +445,7 @@ def test_logs_that_count_from_their_own_first_stamp_are_counted_from_that_of_the
     task = Trial(
         "task",
         work=(replace(ORDERS[0], announced_s=1.0),),
-        submissions=(Submission("task", 30.0),),
+        submissions=(KitSubmission("task", 30.0),),
         events=(Event(2.0, COMPETITION_STARTED),),
         recorded=Span(0.0, 40.0),
         clocks=(Clock("log time", 1_700_000_003 * s_in_ns),),
@@ -540,17 +536,17 @@ def test_one_log_merges_to_itself() -> None:
 
 def test_sensors_of_a_configuration_and_their_cost_of_a_record_make_one_team() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"camera": "rgb_camera"}))
-    recorded = Trial("b", team=TeamSetup(sensor_cost=300.0))
+    recorded = Trial("b", records=(SensorBill(300.0),))
 
-    team = merged(configured, recorded).team
+    whole = merged(configured, recorded)
 
-    assert team is not None
-    assert (dict(team.sensors), team.sensor_cost) == ({"camera": "rgb_camera"}, 300.0)
+    assert whole.team == TeamSetup(sensors={"camera": "rgb_camera"})
+    assert sensor_cost(whole) == 300.0
 
 
 def test_two_records_of_different_cost_are_refused() -> None:
     with pytest.raises(LogError, match="a sensor cost"):
-        merged(Trial("a", team=TeamSetup(sensor_cost=1.0)), Trial("b", team=TeamSetup(sensor_cost=2.0)))
+        merged(Trial("a", records=(SensorBill(1.0),)), Trial("b", records=(SensorBill(2.0),)))
 
 
 def test_numbers_of_several_files_are_united() -> None:
@@ -591,23 +587,24 @@ def test_no_sensors_is_not_the_same_as_none_known() -> None:
 
 def test_sensors_are_named_as_configured_when_a_record_counts_the_same() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"front": "lidar", "back": "rgb_camera"}))
-    recorded = Trial(
-        "b", team=TeamSetup(sensors={"lidar_1": "lidar", "rgb_camera_1": "rgb_camera"}, sensor_cost=600.0)
-    )
+    recorded = Trial("b", records=(SensorBill(600.0, {"lidar_1": "lidar", "rgb_camera_1": "rgb_camera"}),))
 
     whole = merged(configured, recorded)
 
-    assert whole.team == TeamSetup("", {"front": "lidar", "back": "rgb_camera"}, 600.0)
+    assert (whole.team, sensor_cost(whole)) == (
+        TeamSetup("", {"front": "lidar", "back": "rgb_camera"}),
+        600.0,
+    )
     assert not [d for d in whole.log_defects if d.kind == "other_sensors"]
 
 
 def test_a_record_that_counts_other_sensors_than_configured_is_named() -> None:
     configured = Trial("a", team=TeamSetup(sensors={"front": "lidar"}))
-    recorded = Trial("b", team=TeamSetup(sensors={"rgb_camera_1": "rgb_camera"}, sensor_cost=300.0))
+    recorded = Trial("b", records=(SensorBill(300.0, {"rgb_camera_1": "rgb_camera"}),))
 
     whole = merged(configured, recorded)
 
-    assert whole.team == TeamSetup("", {"front": "lidar"}, 300.0)
+    assert (whole.team, sensor_cost(whole)) == (TeamSetup("", {"front": "lidar"}), 300.0)
     assert [d.where for d in whole.log_defects if d.kind == "other_sensors"] == ["team"]
 
 

@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from ariac_score.trial.events import COMPETITION_STARTED, Event
-from ariac_score.trial.kits import RecordedKits
-from ariac_score.trial.model import Kit, Order, Product, Submission, Trial
+from ariac_score.trial.model import Trial
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.kits import RecordedKits
+from ariac_score_ariac.work import Kit, KitSubmission, Order, Product
 
 GEAR = Product("gear_part_red")
 TRIAL = Trial(
     "t",
     work=(Order("announced", announced_s=1.0), Order("configured")),
-    submissions=(Submission("task", 9.0),),
+    submissions=(KitSubmission("task", 9.0),),
     events=(Event(0.5, COMPETITION_STARTED),),
     signals={"speed/human": Signal("speed/human", "m/s", np.array([0.0, 2.0]), np.array([0.1, 0.2]))},
     recorded=Span(0.0, 10.0),
-    kits=(RecordedKits([Kit("agv1", 8.0, (GEAR,))]),),
+    records=(RecordedKits([Kit("agv1", 8.0, (GEAR,))]),),
 )
 
 
@@ -35,7 +36,7 @@ def test_every_time_is_later_and_nothing_else_changes() -> None:
 
 
 def test_a_record_of_kits_shows_them_at_the_later_time() -> None:
-    (record,) = shifted(TRIAL, 2.5).kits
+    (record,) = shifted(TRIAL, 2.5).records
 
     assert record.seen("agv1", 10.4, max_age_s=1.0) is None
     assert record.seen("agv1", 10.5, max_age_s=1.0) == Kit("agv1", 10.5, (GEAR,))

@@ -18,7 +18,8 @@ from ariac_score import Body, Chart, Signal, Span, Trial, as_json, load_result, 
 from ariac_score.errors import ResultError
 from ariac_score.results import sketch as sketch_module
 from ariac_score.results.sketch import DECIMALS, extremes, sketch_of
-from ariac_score.testing import NEAR_MISS, kitting_trial, write_trial_log
+from ariac_score.testing import NEAR_MISS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
 
@@ -183,9 +184,11 @@ def test_routes_orders_and_submissions_are_taken_along() -> None:
     assert [(route.body, route.kind) for route in sketch.routes] == [("human", "human"), ("robot", "robot")]
     # From -3 m at 0.5 m/s for 12 s, and back.
     assert (min(sketch.routes[1].x_m), max(sketch.routes[1].x_m)) == (-3.0, 3.0)
-    assert [task.order for task in sketch.asked] == ["order_0", "order_1"]
-    assert sketch.asked[0].parts[1].type == "gear_part_blue"
-    assert [(one.submitted_s, one.parts is not None) for one in sketch.brought] == [
+    assert [one.path for one in sketch.asked if one.level == "order"] == ["order_0", "order_1"]
+    words = {one.path: one.words for one in sketch.asked}
+    assert words["order_0/order_0_shipment_0"] == "kitting, on agv1"
+    assert words["order_0/order_0_shipment_0/part_1"] == "gear_part_blue"
+    assert [(one.submitted_s, one.contents is not None) for one in sketch.brought] == [
         (14.0, True),
         (31.0, True),
     ]
@@ -195,7 +198,7 @@ def test_without_contents_it_is_not_said_that_nothing_came() -> None:
     trial = kitting_trial()
     bare = replace(trial, submissions=(replace(trial.submissions[0], contents=None),))
 
-    assert sketch_of(bare, {}, {}).brought[0].parts is None
+    assert sketch_of(bare, {}, {}).brought[0].contents is None
 
 
 def test_many_curves_share_the_room() -> None:

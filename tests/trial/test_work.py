@@ -7,9 +7,9 @@ import pytest
 from ariac_score import Body, Event, Fact, Finding, Item, Trial, Verdict, WorkItem, number_of_fact
 from ariac_score.checks.registry import Plugin
 from ariac_score.engine.ask import ask
-from ariac_score.trial.model import Order, Task, WantedProduct
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.work import announced_s, items_at
+from ariac_score_ariac.work import Order, Task, WantedProduct
 
 HOLES = (
     Item("hole_1", "object", {"kind": "bolt"}),
@@ -93,6 +93,15 @@ class Bolted:
 def test_a_rule_is_asked_about_each_item_of_the_level_it_names() -> None:
     plugin = Plugin("guest.bolted", "ariac_score.rules", "guest:Bolted", "guest", "1.0")
     found = ask(plugin, "bolted", Bolted(), Trial("t", work=(RUN,)))
-    assert [f.subject for f in found] == ["hole_1", "hole_2"]
+    assert [f.subject for f in found] == ["run_1/hole_1", "run_1/hole_2"]
     (idle,) = ask(plugin, "bolted", Bolted(), Trial("t", work=(Item("alone", "task"),)))
     assert idle.verdict is Verdict.NOT_APPLICABLE
+
+
+def test_pairs_of_any_declared_kinds_are_given_once_each() -> None:
+    bodies = (Body("v2", "vehicle"), Body("v1", "vehicle"), Body("p", "pedestrian"), Body("h", "human"))
+    trial = Trial("t", bodies=bodies)
+    assert [(a.id, b.id) for a, b in trial.pairs("vehicle", "pedestrian")] == [("v1", "p"), ("v2", "p")]
+    assert [(a.id, b.id) for a, b in trial.pairs("vehicle", "vehicle")] == [("v1", "v2")]
+    assert not list(trial.pairs())
+    assert ("v1", "h") in [(a.id, b.id) for a, b in trial.body_pairs()]

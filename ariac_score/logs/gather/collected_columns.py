@@ -235,14 +235,14 @@ class PoseBatch:
         return dict.fromkeys(numbers[~fits].tolist(), "name, pose and twist differ in length")
 
     def hand_over(
-        self, tree: TransformTree, models: ModelPoses, kits: Mapping[bool, ModelFrames], *, share: float
+        self, tree: TransformTree, models: ModelPoses, frames: Mapping[bool, ModelFrames], *, share: float
     ) -> None:
         """Hand everything over in recorded order.
 
         Args:
             tree: Takes transforms.
             models: Takes the states of models and links.
-            kits: Takes them as well, of links and of models.
+            frames: Takes them as well, of links and of models.
             share: The share of the recording that was read, as far as is known, 0 to 1.
         """
         if self._frames:
@@ -254,9 +254,9 @@ class PoseBatch:
             _, parents, children, stamps_ns, moving, *fields = parts
             tree.add_many(self._names.names, parents, children, fields, stamps_ns, moving, share=share)
         if self._models:
-            self._hand_over_models(models, kits)
+            self._hand_over_models(models, frames)
 
-    def _hand_over_models(self, models: ModelPoses, kits: Mapping[bool, ModelFrames]) -> None:
+    def _hand_over_models(self, models: ModelPoses, frames: Mapping[bool, ModelFrames]) -> None:
         parts = [np.concatenate(part) for part in zip(*self._models, strict=True)]
         if len(self._models) > 1:
             numbers, counts = parts[:2]
@@ -267,6 +267,6 @@ class PoseBatch:
         names, rows = self._names.names, np.concatenate((pose[:, :3], velocity), axis=1)
         of_links = np.repeat(links, counts)
         models.add_many(names, found, rows, np.repeat(stamps_ns, counts), of_links)
-        for kind, frames in kits.items():
+        for kind, kept in frames.items():
             own, states = links == kind, of_links == kind
-            frames.add_many(names, found[states], pose[states], counts[own], stamps_ns[own])
+            kept.add_many(names, found[states], pose[states], counts[own], stamps_ns[own])

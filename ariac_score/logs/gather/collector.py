@@ -68,9 +68,9 @@ class Collector:
         log_map = wanted.log_map
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
-        # Links before models: nested trays are listed as links only.
-        finder = wanted.kits
-        self._kits = {links: ModelFrames(log_map.kits, finder) for links in (True, False)} if finder else {}
+        # Links before models: models inside models are listed as links only.
+        tracks = wanted.tracks
+        self._frames = {links: ModelFrames(tracks) for links in (True, False)} if tracks else {}
         channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
         self._intakes = [_Intake(channel, wanted) for channel in channels]
         self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
@@ -145,7 +145,7 @@ class Collector:
         for intake in self._intakes:
             intake.settle_columns()
         # At the end: poses from several connections are first put into recorded order.
-        together.hand_over(self._tree, self._models, self._kits, share=self.share)
+        together.hand_over(self._tree, self._models, self._frames, share=self.share)
 
     def _one_by_one(self, waiting: Iterable[Connection]) -> list[Connection]:
         """The connections whose messages must be decoded one by one.
@@ -221,8 +221,8 @@ class Collector:
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
             self._models.add(message, stamp_ns, links=links)
-            if self._kits:
-                self._kits[links].add(message, stamp_ns)
+            if self._frames:
+                self._frames[links].add(message, stamp_ns)
             return
         intake.take(message, item.connection.type, stamp_ns)
 
@@ -296,8 +296,8 @@ class Collector:
         if "position" in self._wanted.quantities:
             self._models.settle(builder, origin_ns)
         self._add_unrecorded_bodies(builder, due)
-        records = (frames.record(origin_ns) for frames in self._kits.values())
-        builder.kit_records.extend(record for record in records if record is not None)
+        records = (frames.record(origin_ns) for frames in self._frames.values())
+        builder.records.extend(record for record in records if record is not None)
 
     def _add_unrecorded_bodies(self, builder: TrialBuilder, due: Set[str]) -> None:
         """Add the bodies that should have been recorded, where others of their kind were."""
@@ -313,7 +313,7 @@ class Collector:
         self._tree.retime(partial(self._clocks.on_trial_clock, "/tf"))
         of_models = partial(self._clocks.on_trial_clock, "poses of models")
         self._models.retime(of_models)
-        for frames in self._kits.values():
+        for frames in self._frames.values():
             frames.retime(of_models)
         for intake in self._intakes:
             intake.retime(partial(self._clocks.on_trial_clock, clock_key(intake.channel)))

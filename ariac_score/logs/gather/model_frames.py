@@ -1,4 +1,4 @@
-"""Poses of models and links, from messages that list every one of them, for finding the contents of kits."""
+"""Poses of models and links, from messages that list all of them, for whom they mean more than motion."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ariac_score.checks.contracts import KitFinder
+from ariac_score.checks.contracts import TrackReader
 from ariac_score.logs.containers.items import IntArray
-from ariac_score.trial.channels import KitMap
-from ariac_score.trial.kits import ModelTrack
-from ariac_score.trial.model import KitRecord
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.tracks import ModelTrack
+from ariac_score.trial.work import Record
 
 __all__ = ["ModelFrames"]
 
 KEPT_EVERY_S = 0.05
-"""The shortest time between two messages that are kept: simulators publish the contents of trays at 20 Hz."""
+"""The shortest time between two messages that are kept: simulators publish what lies where at 20 Hz."""
 
 
 @dataclass
@@ -39,15 +38,14 @@ class _Poses:
 
 
 class ModelFrames:
-    """Collects `gazebo_msgs/ModelStates` or `LinkStates`: poses of products and trays.
+    """Collects `gazebo_msgs/ModelStates` or `LinkStates`: poses of what is followed.
 
     Args:
-        kits: The section of the log map.
-        finder: Says which models matter, and makes kits of their poses.
+        reader: Says which models matter, and what their poses mean.
     """
 
-    def __init__(self, kits: KitMap, finder: KitFinder) -> None:
-        self._kits, self._finder = kits, finder
+    def __init__(self, reader: TrackReader) -> None:
+        self._reader = reader
         self._stamps_ns: list[int] = []
         self._columns: dict[str, _Poses | None] = {}
 
@@ -58,7 +56,7 @@ class ModelFrames:
         for name, pose in zip(message.name, message.pose, strict=True):
             # `None` for names that do not matter: patterns are matched once for each name.
             if name not in self._columns:
-                self._columns[name] = _Poses() if self._finder.follows(name, self._kits) else None
+                self._columns[name] = _Poses() if self._reader.follows(name) else None
             column = self._columns[name]
             if column is not None:
                 at, turn = pose.position, pose.orientation
@@ -92,7 +90,7 @@ class ModelFrames:
         for code in np.unique(found).tolist():
             name = names[code]
             if name not in self._columns:
-                self._columns[name] = _Poses() if self._finder.follows(name, self._kits) else None
+                self._columns[name] = _Poses() if self._reader.follows(name) else None
             column = self._columns[name]
             if column is not None:
                 own = found == code
@@ -103,11 +101,11 @@ class ModelFrames:
         """Put all stamps on another clock."""
         self._stamps_ns = retimed(np.array(self._stamps_ns, dtype=np.int64)).tolist()
 
-    def record(self, origin_ns: int) -> KitRecord | None:
-        """The record of kits that the messages show; `None` without messages."""
+    def record(self, origin_ns: int) -> Record | None:
+        """What the messages show; `None` without messages."""
         if not self._stamps_ns:
             return None
         t_s = np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in self._stamps_ns])
         count = len(self._stamps_ns)
         tracks = [c.track(name, count) for name, c in self._columns.items() if c is not None]
-        return self._finder.record(t_s, tracks, self._kits, pauses=False, until_s=math.inf)
+        return self._reader.record(t_s, tracks, pauses=False, until_s=math.inf)

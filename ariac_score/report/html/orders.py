@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import Result
-from ariac_score.results.sketch import OrderedTask, Submitted
+from ariac_score.results.sketch import HandedIn
 from ariac_score.scoring.ledger import Ledger
 from ariac_score.scoring.scope import Scope
 
@@ -32,8 +32,8 @@ class TaskShown:
     """One task: as ordered, as delivered, its parts, and the findings about it as a whole."""
 
     name: str
-    ordered: OrderedTask | None
-    brought: tuple[Submitted, ...]
+    ordered: str
+    brought: tuple[HandedIn, ...]
     parts: tuple[PartShown, ...]
     found: tuple[NamedFinding, ...]
     points: Decimal | None
@@ -54,7 +54,7 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
     """Every order with its tasks and parts, in the order of the trial."""
     measured = result.measured
     points = _points(result.ledger or result.task)
-    ordered = {f"{a.order}/{a.task}": a for a in measured.sketch.asked} if measured.sketch else {}
+    ordered = {asked.path: asked.words for asked in measured.sketch.asked} if measured.sketch else {}
     brought = measured.sketch.brought if measured.sketch else ()
     found = _by_subject(measured.findings)
     return tuple(
@@ -62,7 +62,7 @@ def orders_of(result: Result) -> tuple[OrderShown, ...]:
             order.path,
             measured.orders.get(order.path),
             points.get(order.path),
-            tuple(_task(task, ordered.get(task.path), brought, found, points) for task in order.inner),
+            tuple(_task(task, ordered, brought, found, points) for task in order.inner),
             tuple(found.get(order.path, ())),
         )
         for order in measured.scopes.inner
@@ -93,30 +93,35 @@ def _place(group: tuple[tuple[int, str], list[NamedFinding]]) -> int:
 
 def _task(
     task: Scope,
-    ordered: OrderedTask | None,
-    brought: tuple[Submitted, ...],
+    ordered: Mapping[str, str],
+    brought: tuple[HandedIn, ...],
     found: Mapping[str, list[NamedFinding]],
     points: Mapping[str, Decimal],
 ) -> TaskShown:
     name = task.path.rpartition("/")[2]
-    types = {part.slot: part.type for part in ordered.parts} if ordered else {}
     parts = tuple(
         PartShown(
-            slot := part.path.removeprefix(f"{task.path}/"),
-            types.get(slot, ""),
+            part.path.removeprefix(f"{task.path}/"),
+            ordered.get(part.path, ""),
             tuple(found.get(part.path, ())),
             points.get(part.path),
         )
-        for part in task.inner
+        for part in _leaves(task)
     )
     return TaskShown(
         name,
-        ordered,
-        tuple(one for one in brought if one.task == name),
+        ordered.get(task.path, ""),
+        tuple(one for one in brought if one.item == name),
         parts,
         tuple(found.get(task.path, ())),
         points.get(task.path),
     )
+
+
+def _leaves(task: Scope) -> Iterator[Scope]:
+    """What a task consists of, however deep its levels go."""
+    for inner in task.inner:
+        yield from _leaves(inner) if inner.inner else iter((inner,))
 
 
 def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[NamedFinding]]:

@@ -103,7 +103,7 @@ def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
         for task in order.inner
     }
     brought = measured.sketch.brought if measured.sketch else ()
-    handed = sorted(one.submitted_s for one in brought if one.task in tasks)
+    handed = sorted(one.submitted_s for one in brought if one.item in tasks)
     if handed:
         return handed, ""
     summaries = measured.official.summaries if measured.official else ()

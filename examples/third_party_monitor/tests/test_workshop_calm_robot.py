@@ -14,7 +14,7 @@ from ariac_score.testing import (
     SNAPSHOT_SIGNALS,
     ContractCheck,
     contract_checks,
-    kitting_trial,
+    example_trial,
     made_trial,
     write_trial_log,
 )
@@ -54,7 +54,7 @@ def test_only_who_is_both_near_and_fast_breaks_the_rule(
 
 
 def test_it_costs_two_points_of_the_example(tmp_path: Path) -> None:
-    log = write_trial_log(tmp_path / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    log = write_trial_log(tmp_path / "trial.jsonl", example_trial("paper2020"), signals=SNAPSHOT_SIGNALS)
 
     # Its task is worth 28, and the two come near once, at 0.5 m/s.
     assert score_trial(log, RULES, local_plugins=True).score == 26

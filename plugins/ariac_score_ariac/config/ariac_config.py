@@ -9,23 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ariac_score import (
-    DataFileError,
-    Fact,
-    Likeness,
-    LogDescription,
-    Order,
-    ReaderFacts,
-    Trial,
-    Wanted,
-    load_yaml,
-)
+from ariac_score import DataFileError, Fact, Likeness, LogDescription, ReaderFacts, Trial, Wanted, load_yaml
 from ariac_score_ariac.config.config_forms import form_in, form_of, top_level_keys
 from ariac_score_ariac.config.config_values import ConfigPath, ConfigValues
 from ariac_score_ariac.config.listed_orders import listed_orders
 from ariac_score_ariac.config.order_counts import REQUIRED_KEYS, order_counts
 from ariac_score_ariac.config.shipment_orders import shipment_orders
-from ariac_score_ariac.work import orders_of
+from ariac_score_ariac.work import FaultyProducts, Order, orders_of
 
 __all__ = ["TrialConfigReader"]
 
@@ -62,7 +52,7 @@ class TrialConfigReader:
     def likeness(self, path: Path) -> Likeness:
         """What the file looks like, by the form that each edition has."""
         form = form_in(path)
-        return Likeness(str(form), frozenset(form.years))
+        return Likeness(str(form), frozenset(map(str, form.years)))
 
     def describe(self, path: Path) -> LogDescription:
         """How many orders, tasks and products it asks for; of 2025 its numbers."""
@@ -127,7 +117,11 @@ def _trial(path: Path) -> Trial:
             "name the file of the trial: it has 'orders' (2017 to 2024), or NUM_KITS and NUM_MODULES (2025)",
         )
     return Trial(
-        id=path.stem, work=orders, facts=facts, log_defects=values.mistakes(), faulty_products=faulty
+        id=path.stem,
+        work=orders,
+        facts=facts,
+        log_defects=values.mistakes(),
+        records=() if faulty is None else (FaultyProducts(faulty),),
     )
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ariac_score import Order, Task, Tray, WantedProduct, did_you_mean
+from ariac_score import did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues
 from ariac_score_ariac.parts import COLORS, TYPES
+from ariac_score_ariac.work import Order, Task, Tray, WantedProduct
 
 __all__ = ["PRODUCT_TYPES", "listed_orders"]
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from ariac_score import LogDefect, Order, did_you_mean
+from ariac_score import LogDefect, did_you_mean
 from ariac_score_ariac.config import listed_orders, shipment_orders
 from ariac_score_ariac.config.config_values import shown
+from ariac_score_ariac.work import Order
 
 __all__ = ["unknown_products"]
 

@@ -9,8 +9,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ariac_score import Order, Pose, Task, Tray, WantedProduct, did_you_mean
+from ariac_score import Pose, did_you_mean
 from ariac_score_ariac.config.config_values import MAX_COUNT, ConfigPath, ConfigValues, shown
+from ariac_score_ariac.work import Order, Task, Tray, WantedProduct
 
 __all__ = ["PRODUCT_TYPES", "shipment_orders"]
 

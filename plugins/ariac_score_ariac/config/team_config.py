@@ -82,7 +82,7 @@ class TeamConfigReader:
     def likeness(self, path: Path) -> Likeness:
         """What the file looks like, by the form that each edition has."""
         form = form_in(path)
-        return Likeness(str(form), frozenset(form.years))
+        return Likeness(str(form), frozenset(map(str, form.years)))
 
     def describe(self, path: Path) -> LogDescription:
         """How many sensors the team has, by type."""

@@ -31,12 +31,12 @@ from ariac_score import (
     OfficialOrder,
     OfficialResult,
     ReaderFacts,
-    Submission,
     TeamSetup,
     Trial,
     TrialBuilder,
     Wanted,
 )
+from ariac_score_ariac.work import KitSubmission, SensorBill
 
 __all__ = [
     "ORDER_TYPES",
@@ -230,9 +230,10 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
             )
         )
         builder.add(Event(announced_s, ORDER_ANNOUNCED, order_id))
-        builder.add(Submission(order_id, submitted_s))
+        builder.add(KitSubmission(order_id, submitted_s))
     orders += _never_submitted(run, orders)
-    builder.team = TeamSetup(run.competitor, sensor_cost=run.facts["sensor_cost"])
+    builder.team = TeamSetup(run.competitor)
+    builder.add(SensorBill(run.facts["sensor_cost"]))
     builder.official = OfficialResult(
         source=path.name,
         total=None,

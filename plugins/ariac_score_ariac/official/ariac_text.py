@@ -39,11 +39,11 @@ from ariac_score import (
     OfficialOrder,
     OfficialResult,
     ReaderFacts,
-    Submission,
     Trial,
     TrialBuilder,
     Wanted,
 )
+from ariac_score_ariac.work import KitSubmission
 
 __all__ = ["PerformanceLogReader"]
 
@@ -600,7 +600,7 @@ def _add_submissions(builder: TrialBuilder, score: _Score, times: _Times, where:
         at_s, exact = _submitted_s(order, times)
         for position, shipment in enumerate(order.shipments):
             if shipment.submitted:
-                builder.add(Submission(order.task_id(position), end_s if at_s is None else at_s))
+                builder.add(KitSubmission(order.task_id(position), end_s if at_s is None else at_s))
                 guessed += not exact
     builder.defect(
         "unknown_submission_time",

@@ -11,9 +11,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
-from ariac_score import LogDescription, LogError, NothingToScoreError, ReaderFacts, TeamSetup, Trial, Wanted
+from ariac_score import LogDescription, LogError, NothingToScoreError, ReaderFacts, Trial, Wanted
+from ariac_score_ariac.work import SensorBill
 
 __all__ = ["SensorCostReader"]
 
@@ -77,7 +77,7 @@ class SensorCostReader:
         sensors = {f"{kind}_{k}": kind for kind, count in cost.counts.items() for k in range(1, count + 1)}
         return Trial(
             id=path.stem,
-            team=TeamSetup(sensors=MappingProxyType(dict(sorted(sensors.items()))), sensor_cost=cost.total),
+            records=(SensorBill(cost.total, dict(sorted(sensors.items()))),),
         )
 
 

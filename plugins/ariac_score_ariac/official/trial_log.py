@@ -29,11 +29,11 @@ from ariac_score import (
     OfficialOrder,
     OfficialResult,
     ReaderFacts,
-    Submission,
     Trial,
     TrialBuilder,
     Wanted,
 )
+from ariac_score_ariac.work import KitSubmission
 
 __all__ = ["CLOCK", "TrialLogReader"]
 
@@ -170,7 +170,7 @@ def _add_orders(builder: TrialBuilder, log: _ParsedLog, where: str) -> None:
             at_s = log.completed_s if order.submitted_s is None else order.submitted_s
             agv, station = order.items.get("agv", ""), order.items.get("station", "")
             builder.add(
-                Submission(
+                KitSubmission(
                     order.id,
                     at_s or 0.0,
                     agv=f"agv{agv}" if agv.isdigit() else "",

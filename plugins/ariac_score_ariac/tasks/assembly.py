@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import permutations
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Order, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Measure, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     claimed,
@@ -19,6 +19,7 @@ from ariac_score_ariac.tasks.claims import (
 from ariac_score_ariac.tasks.contents import sound
 from ariac_score_ariac.tasks.names import base_type, delivered_type
 from ariac_score_ariac.tasks.poses import PoseTest, best_total
+from ariac_score_ariac.work import Order, Product, Task, WantedProduct
 
 _CLAUSE = "ARIAC 2021 and 2022 scoring, assembly"
 _PREFIX = len("assembly_")

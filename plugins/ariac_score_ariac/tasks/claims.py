@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-from ariac_score import ORDER_ANNOUNCED, Finding, Order, Product, Submission, Task, Trial
+from ariac_score import ORDER_ANNOUNCED, Finding, Trial
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, submissions_of
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
@@ -43,7 +44,9 @@ def first_announced_s(trial: Trial, order: Order) -> float | None:
     return events[0].t_s if events else order.announced_s
 
 
-def claimed(trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "update") -> Submission | None:
+def claimed(
+    trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "update"
+) -> KitSubmission | None:
     """The first submission of the task's type since the order was announced.
 
     Later submissions of the same type do not count, nor do those before the
@@ -55,8 +58,8 @@ def claimed(trial: Trial, order: Order, task: Task, counts_from: CountsFrom = "u
     """
     start_s = order.announced_s if counts_from == "update" else first_announced_s(trial, order)
     # One at the very start counts: as coded its time must be at least that of the order.
-    for submission in trial.submissions:
-        if submission.task_id == task.id and (start_s is None or submission.submitted_s >= start_s):
+    for submission in submissions_of(trial):
+        if submission.item_id == task.id and (start_s is None or submission.submitted_s >= start_s):
             return submission
     return None
 
@@ -83,7 +86,7 @@ def each_delivered(
 
 
 def undecidable(
-    trial: Trial, submission: Submission | None, subject: str, clause: str, *, order: Order | None = None
+    trial: Trial, submission: KitSubmission | None, subject: str, clause: str, *, order: Order | None = None
 ) -> Finding | None:
     """The finding for a task whose delivery the log does not show; `None` when it does.
 

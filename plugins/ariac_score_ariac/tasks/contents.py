@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import Finding, Order, Product, Task, Trial
+from ariac_score import Finding, Trial
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -19,6 +19,7 @@ from ariac_score_ariac.tasks.claims import (
     undecidable,
 )
 from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
+from ariac_score_ariac.work import Order, Product, Task
 
 
 def _full_type(product_type: str) -> str:

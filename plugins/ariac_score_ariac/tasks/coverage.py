@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ariac_score import Finding, Order, Trial
+from ariac_score import Finding, Trial
+from ariac_score_ariac.work import Order
 
 _PLURAL = {"kitting": "kits", "assembly": "assemblies"}
 

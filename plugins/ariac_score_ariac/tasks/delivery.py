@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Measure, Order, Submission, Task, Trial, parameter
+from ariac_score import Finding, Limit, Measure, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     CountsFrom,
@@ -16,9 +16,10 @@ from ariac_score_ariac.tasks.claims import (
     kitting_tasks,
     not_kits,
 )
+from ariac_score_ariac.work import KitSubmission, Order, Task
 
 
-def _unwitnessed(trial: Trial, submission: Submission | None) -> bool:
+def _unwitnessed(trial: Trial, submission: KitSubmission | None) -> bool:
     return submission is None and "submissions" not in trial.witnessed
 
 
@@ -82,7 +83,7 @@ class Destination:
             else:
                 yield self._compared(subject, task, submission, clause)
 
-    def _compared(self, subject: str, task: Task, submission: Submission, clause: str) -> Finding:
+    def _compared(self, subject: str, task: Task, submission: KitSubmission, clause: str) -> Finding:
         places: list[tuple[str, str, str, tuple[str, ...]]] = []
         if self.compare != "station" and task.agv != "any":
             places.append(("AGV", task.agv, submission.agv, self.known_agvs))
@@ -183,7 +184,7 @@ class OrderTime:
             )
 
 
-def _last_complete_s(claims: list[list[Submission | None]]) -> float | None:
+def _last_complete_s(claims: list[list[KitSubmission | None]]) -> float | None:
     """The latest submission of the last kind of which all were submitted.
 
     The last kind, not the latest time: as coded the time of the assemblies overwrites that of the kits.

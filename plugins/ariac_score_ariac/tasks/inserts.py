@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Measure, Order, Pose, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
 from ariac_score_ariac.parts import part_of
 from ariac_score_ariac.tasks.poses import POSE_MEASURES, best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
+from ariac_score_ariac.work import Order, Product, Task, WantedProduct
 
 KINDS = ("assembly", "combined")
 """Both are built in an insert; they differ in their points and in where the parts come from."""

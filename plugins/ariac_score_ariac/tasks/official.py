@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, OfficialOrder, OfficialResult, Order, SignalNeed, Trial, Verdict
+from ariac_score import Finding, Measure, OfficialOrder, OfficialResult, SignalNeed, Trial, Verdict
+from ariac_score_ariac.work import Order
 
 OfOrder = Literal["score", "total", "priority_factor", "duration_s", "max_score"]
 OfTrial = Literal["total", "process_time_s", "collisions", "dropped"]
@@ -89,6 +90,8 @@ class OfficialOrderScore:
         if printed.submitted is None:
             return Finding.inconclusive(order.id, "the official text does not say whether it was handed in")
         quantities = self._quantities(order, printed)
+        if why := _impossible(quantities, self.measures):
+            return Finding.inconclusive(order.id, why)
         if not printed.submitted:
             # A text may print no score for it.
             quantities = {"score": 0.0} | quantities
@@ -174,6 +177,8 @@ class OfficialTrialScore:
         }
         quantities = {name: value for name, value in known.items() if value is not None}
         missing = [name for name in self.requires if name not in quantities]
+        if why := _impossible(quantities, self.measures):
+            return Finding.inconclusive(_SUBJECT, why)
         if missing:
             return Finding.inconclusive(_SUBJECT, f"the official text does not say the {_words(missing[0])}")
         # The printed total is 0 already; the verdict says why.
@@ -183,6 +188,14 @@ class OfficialTrialScore:
         )
         verdict = Verdict.VIOLATED if collided else Verdict.SATISFIED
         return Finding(_SUBJECT, verdict, words, quantities=quantities, critical=collided)
+
+
+def _impossible(quantities: Mapping[str, float], measures: Mapping[str, Measure]) -> str:
+    """Which printed time or count cannot be, in words; empty where all can."""
+    for name, value in quantities.items():
+        if value < 0 and measures[name].unit in ("s", "count"):
+            return f"the official text gives a {_words(name)} of {value:g}, which cannot be"
+    return ""
 
 
 def _ended(subject: str, official: OfficialResult, on_crash: OnCrash, zero: dict[str, float]) -> Finding:

@@ -7,19 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from ariac_score import (
-    Finding,
-    Limit,
-    Measure,
-    Order,
-    Pose,
-    Product,
-    Task,
-    Tray,
-    Trial,
-    WantedProduct,
-    parameter,
-)
+from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -31,6 +19,7 @@ from ariac_score_ariac.tasks.claims import (
 )
 from ariac_score_ariac.tasks.contents import sound
 from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
+from ariac_score_ariac.work import Order, Product, Task, Tray, WantedProduct
 
 
 @dataclass(frozen=True)

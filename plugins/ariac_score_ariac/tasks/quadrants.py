@@ -7,20 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ariac_score import (
-    Finding,
-    Limit,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    Trial,
-    WantedProduct,
-    parameter,
-)
+from ariac_score import Finding, Limit, Pose, Trial, parameter
 from ariac_score_ariac.parts import FAULTY_ENDING, part_of
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 QUALITY_CHECK = "quality_check"
 """Kind of the event that an order's kit was inspected; its subject is the order's id."""
@@ -61,7 +51,7 @@ class Sight:
         unknown: Why the log does not say what was seen, in words; empty where it does.
     """
 
-    submission: Submission | None = None
+    submission: KitSubmission | None = None
     parts: tuple[Product, ...] = ()
     nothing: str = ""
     unknown: str = ""

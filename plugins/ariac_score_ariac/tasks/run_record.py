@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Order, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score import Finding, Measure, SignalNeed, Trial, Verdict, number_of_fact
+from ariac_score_ariac.work import Order
 
 _KINDS = ("kit", "module", "high_priority")
 _SUBJECT = "run"
@@ -64,6 +65,8 @@ class RunOrder:
             yield Finding(order.id, Verdict.VIOLATED, "not handed in", quantities=kinds)
         elif stored.announced_s is None or stored.submitted_s is None:
             yield Finding.inconclusive(order.id, "the record does not say when it was handed in")
+        elif min(stored.announced_s, stored.submitted_s) < 0:
+            yield Finding.inconclusive(order.id, "the record gives it a time before the start")
         else:
             times = {"announced_s": stored.announced_s, "submitted_s": stored.submitted_s}
             words = f"announced at {stored.announced_s:.3f} s, accepted at {stored.submitted_s:.3f} s"
@@ -108,9 +111,13 @@ class RunRecord:
             return
         numbers = {name: value for name, value in stated.items() if value is not None}
         unfinished = not numbers["completed"] and not numbers["aborted"]
+        negative = [name for name, value in numbers.items() if value < 0]
         # The bonus for time divides by it.
         if not numbers["time_limit_s"] > 0:
             yield Finding.inconclusive(_SUBJECT, f"a time limit of {numbers['time_limit_s']:g} s is none")
+        elif negative:
+            words = f"the record gives a {_words(negative[0])} of {numbers[negative[0]]:g}, which cannot be"
+            yield Finding.inconclusive(_SUBJECT, words)
         elif unfinished and self.unfinished == "undecided":
             yield Finding.inconclusive(
                 _SUBJECT, "it is stored as neither completed nor aborted, so its numbers may not be final"

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Measure, SignalNeed, TeamSetup, Trial, Verdict
+from ariac_score_ariac.work import sensor_cost
 
 _SUBJECT = "team"
 _MEASURES: Mapping[str, Measure] = {
@@ -65,7 +66,7 @@ class SensorCost:
         """One finding about the team."""
         team = trial.team or TeamSetup()
         # What the simulator counted stands; a configuration then only explains it, or differs in the message.
-        recorded = None if self.take == "configured" else team.sensor_cost
+        recorded = None if self.take == "configured" else sensor_cost(trial)
         if recorded is not None:
             yield self._recorded(team, recorded)
         elif self.take == "recorded":

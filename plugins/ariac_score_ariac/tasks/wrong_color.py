@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Order, Product, Task, Trial, WantedProduct, parameter
+from ariac_score import Finding, Measure, Trial, parameter
 from ariac_score_ariac.tasks.claims import (
     each_delivered,
 )
 from ariac_score_ariac.tasks.contents import sound
 from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
 from ariac_score_ariac.tasks.poses import PoseTest
+from ariac_score_ariac.work import Order, Product, Task, WantedProduct
 
 _CLAUSE = "ARIAC 2021 finals and 2022, product pose of a wrong colour"
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal
 
-from ariac_score import COMPETITION_ENDED, COMPETITION_STARTED, Order, Trial
+from ariac_score import COMPETITION_ENDED, COMPETITION_STARTED, Trial
 from ariac_score.testing import Recorded
 from ariac_score.testing.recordings import (
     event_messages,
     frame_messages,
     pose_fields,
     stamp_ns,
-    submission_messages,
     xyz_fields,
 )
-from ariac_score_ariac.work import orders_of
+from ariac_score_ariac.recorder_messages import NO_TRAY
+from ariac_score_ariac.work import KitSubmission, Order, orders_of, submissions_of
 
 __all__ = ["MOTIONS", "Motion", "recorded_messages"]
 
@@ -113,3 +113,29 @@ MOTIONS: Mapping[str, Callable[[Trial], Iterator[Recorded]]] = {
     "human_state": _human_states,
     "frames": _frames,
 }
+
+
+def submission_messages(trial: Trial) -> Iterator[Recorded]:
+    """The submissions, as our own messages."""
+    for submission in submissions_of(trial):
+        yield Recorded(
+            "/ariac_score/submissions",
+            "ariac_score_msgs/msg/Submission",
+            stamp_ns(submission.submitted_s),
+            _submission_fields(submission),
+        )
+
+
+def _submission_fields(submission: KitSubmission) -> dict[str, Any]:
+    products = [
+        {"type": p.type, "name": p.name, "is_faulty": p.faulty, "pose": pose_fields(p.pose)}
+        for p in submission.contents or ()
+    ]
+    return {
+        "shipment_type": submission.item_id,
+        "agv": submission.agv,
+        "station": submission.station,
+        "products": products,
+        "tray": "" if submission.tray is None else submission.tray.type or NO_TRAY,
+        "contents_unknown": submission.contents is None,
+    }

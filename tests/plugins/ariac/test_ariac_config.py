@@ -14,9 +14,10 @@ import yaml
 from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.errors import DataFileError
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import LogDefect, Order, Pose, Tray, Trial
+from ariac_score.trial.model import LogDefect, Pose, Trial
 from ariac_score_ariac.config.ariac_config import TrialConfigReader
 from ariac_score_ariac.config.config_values import arithmetic
+from ariac_score_ariac.work import Order, Tray
 
 ARIAC = Path(__file__).parents[3].parent / "shared" / "ariac" / "data"
 CONFIG = ARIAC / "config"

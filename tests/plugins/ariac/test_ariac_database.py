@@ -14,6 +14,7 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Trial
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader, read_run, run_ids
+from ariac_score_ariac.work import sensor_cost
 
 READER = AriacDatabaseReader()
 WANTED = Wanted(LogMap("test"))
@@ -76,7 +77,7 @@ def test_a_run_is_a_trial_with_its_submissions_and_penalties(tmp_path: Path) -> 
     trial = read(tmp_path)
 
     assert (trial.id, trial.started_s, trial.ended_s) == ("LHAF9835", 0.0, 512.25)
-    assert [(s.task_id, s.submitted_s, s.contents) for s in trial.submissions] == [
+    assert [(s.item_id, s.submitted_s, s.contents) for s in trial.submissions] == [
         ("kit_1", 100.0, None),
         ("high_priority_1", 300.5, None),
         ("kit_2", 400.0, None),
@@ -108,7 +109,7 @@ def test_the_score_is_not_stored_and_the_numbers_for_it_are_kept(tmp_path: Path)
     assert (trial.official.total, trial.official.process_time_s, trial.official.outcome) == (None, 512.25, "")
     assert trial.official.items["num_correct_report_classifications"] == "2.0"
     assert trial.team is not None
-    assert (trial.team.name, trial.team.sensor_cost) == ("team_a", 4200.0)
+    assert (trial.team.name, sensor_cost(trial)) == ("team_a", 4200.0)
 
 
 def test_the_numbers_of_the_run_are_facts_of_the_trial(tmp_path: Path) -> None:
@@ -211,7 +212,7 @@ def test_a_wrong_value_is_shown_with_its_row(tmp_path: Path) -> None:
 def test_an_unknown_order_type_of_the_simulator_is_known(tmp_path: Path) -> None:
     trial = read(tmp_path, "UPDATE OrderSubmission SET order_type = -1 WHERE id = 1")
 
-    assert trial.submissions[0].task_id == "unknown_1"
+    assert trial.submissions[0].item_id == "unknown_1"
 
 
 # Hostile and damaged files -------------------------------------------------------------

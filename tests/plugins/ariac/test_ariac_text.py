@@ -151,7 +151,7 @@ def test_found_fragments_give_the_printed_numbers(name: str) -> None:
     assert trial.official is not None
     assert (trial.official.total, trial.official.process_time_s) == (total, process_time_s)
     assert trial.official.orders == orders
-    assert [submission.task_id for submission in trial.submissions] == submitted
+    assert [submission.item_id for submission in trial.submissions] == submitted
     assert all(submission.contents is None for submission in trial.submissions)
     assert "submissions" not in trial.witnessed
 
@@ -260,7 +260,7 @@ def test_anything_less_proves_nothing_about_submissions(tmp_path: Path, text: st
 def test_a_submitted_shipment_is_dated_by_the_time_its_order_took(tmp_path: Path) -> None:
     (submission,) = (trial := read(tmp_path, kitting("true"))).submissions
 
-    assert submission.task_id == "order_0_kitting_shipment_0"
+    assert submission.item_id == "order_0_kitting_shipment_0"
     assert submission.submitted_s == pytest.approx(4.0 + 4.5)
     assert submission.contents is None
     assert trial.log_defects == ()
@@ -277,7 +277,7 @@ def test_a_shipment_of_an_unfinished_order_gets_the_end_of_the_trial(tmp_path: P
     trial = read(tmp_path, kitting("true", "false", taken="0"))
 
     (submission,) = trial.submissions
-    assert submission.task_id == "order_0_kitting_shipment_0"
+    assert submission.item_id == "order_0_kitting_shipment_0"
     assert submission.submitted_s == pytest.approx(9.75)
     assert [(d.kind, d.count) for d in trial.log_defects] == [("unknown_submission_time", 1)]
 
@@ -328,7 +328,7 @@ def test_the_labels_of_the_last_scorer_of_2022_are_understood(tmp_path: Path) ->
     assert trial.id == "qual_a"
     assert trial.official is not None
     assert (trial.official.total, trial.official.orders) == (24.0, {"order_0": 24.0})
-    assert [submission.task_id for submission in trial.submissions] == ["order_0_kitting_shipment_0"]
+    assert [submission.item_id for submission in trial.submissions] == ["order_0_kitting_shipment_0"]
 
 
 def test_shipments_without_a_printed_type_are_named_by_their_alphabetical_place(tmp_path: Path) -> None:
@@ -339,7 +339,7 @@ def test_shipments_without_a_printed_type_are_named_by_their_alphabetical_place(
         + "</order_score>\n</game_score>\n"
     )
 
-    ids = [submission.task_id for submission in read(tmp_path, text).submissions]
+    ids = [submission.item_id for submission in read(tmp_path, text).submissions]
 
     assert ids[:4] == [
         "order_0_shipment_0",

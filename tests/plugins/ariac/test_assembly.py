@@ -13,19 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import (
-    Event,
-    Finding,
-    Order,
-    Pose,
-    Product,
-    Rule,
-    Submission,
-    Task,
-    Trial,
-    Verdict,
-    WantedProduct,
-)
+from ariac_score import Event, Finding, Pose, Rule, Trial, Verdict
 from ariac_score_ariac.tasks import (
     AssemblyCounters,
     AssemblyPart,
@@ -42,6 +30,7 @@ from ariac_score_ariac.tasks import (
     WrongColorPose,
 )
 from ariac_score_ariac.tasks.poses import best_assignment, greedy_assignment
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -71,11 +60,11 @@ def order(kind: str, *wanted: tuple[str, Pose | None], **task: Any) -> Order:
     return Order("o", (Task("s", kind, products, **task),), announced_s=10.0)
 
 
-def handed_in(*contents: Product, at_s: float = 20.0, station: str = "as1") -> Submission:
-    return Submission("s", at_s, contents, "agv1", station)
+def handed_in(*contents: Product, at_s: float = 20.0, station: str = "as1") -> KitSubmission:
+    return KitSubmission("s", at_s, contents, "agv1", station)
 
 
-def trial(*submissions: Submission, witnessed: Iterable[str] = ("submissions",)) -> Trial:
+def trial(*submissions: KitSubmission, witnessed: Iterable[str] = ("submissions",)) -> Trial:
     return Trial("t", submissions=submissions, witnessed=frozenset(witnessed))
 
 
@@ -103,7 +92,7 @@ def test_without_a_record_of_submissions_nothing_about_a_kit_is_decided(rule: Ru
 
 @pytest.mark.parametrize("rule", [*OF_ASSEMBLIES[:6], *OF_KITS], ids=repr)
 def test_unknown_contents_are_undecided(rule: Rule) -> None:
-    unseen = trial(Submission("s", 20.0, contents=None))
+    unseen = trial(KitSubmission("s", 20.0, contents=None))
     kind = "kitting" if rule in OF_KITS else "assembly"
 
     assert verdicts(rule, unseen, order(kind, (PUMP, at(0)))) == [INCONCLUSIVE]
@@ -316,7 +305,7 @@ def test_an_agv_that_is_not_known_is_never_right(known: tuple[str, ...], agv: st
 def test_of_two_kinds_of_task_the_later_complete_one_gives_the_time() -> None:
     both = Order("o", (Task("k"), Task("a", "assembly")), announced_s=10.0)
     rule = OrderTime(kinds=("kitting", "assembly"))
-    kit, briefcase = Submission("k", 30.0, ()), Submission("a", 20.0, ())
+    kit, briefcase = KitSubmission("k", 30.0, ()), KitSubmission("a", 20.0, ())
 
     assert only(rule, trial(briefcase, kit), both).quantities["time_taken_s"] == 10.0
     unfinished = only(rule, trial(kit), both)

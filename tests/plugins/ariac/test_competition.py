@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from ariac_score import Order, Task, WantedProduct
-from ariac_score.testing import kitting_trial
+from ariac_score import Trial
 from ariac_score.testing.recordings import RecordsTrials
 from ariac_score_ariac.competition import Ariac
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import MOTIONS
+from ariac_score_ariac.work import Order, Task, WantedProduct
 
 
 def test_every_way_to_record_what_moves_is_offered() -> None:
@@ -37,6 +38,8 @@ def test_a_recording_without_the_human_has_no_snapshot() -> None:
 def test_only_editions_with_known_product_types_are_checked_for_them() -> None:
     order = Order("order_0", (Task("kit", "kitting", (WantedProduct("part_0", "teapot_red", None),)),))
 
-    assert [defect.kind for defect in Ariac().unknown_products([order], 2020)] == ["unknown_product_type"]
-    assert [defect.kind for defect in Ariac().unknown_products([order], 2024)] == ["unknown_product_type"]
-    assert Ariac().unknown_products([order], 2025) == []
+    trial = Trial("t", work=(order,))
+    assert [defect.kind for defect in Ariac(2020).defects(trial)] == ["unknown_product_type"]
+    assert [defect.kind for defect in Ariac(2024).defects(trial)] == ["unknown_product_type"]
+    assert Ariac(2025).defects(trial) == []
+    assert Ariac().defects(trial) == []

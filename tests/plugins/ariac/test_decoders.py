@@ -13,10 +13,9 @@ import pytest
 import yaml
 
 from ariac_score.checks.contracts import Decoder, Wanted
-from ariac_score.logs.own_messages import AriacScoreRecords
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.model import Kit, Order, Pose, Product, Submission, Task, Tray, WantedProduct
+from ariac_score.trial.model import Pose
 from ariac_score_ariac.config.ariac_config import TrialConfigReader
 from ariac_score_ariac.config.config_values import arithmetic
 from ariac_score_ariac.messages import (
@@ -26,6 +25,8 @@ from ariac_score_ariac.messages import (
     NistGear2022,
     OsrfGear2018,
 )
+from ariac_score_ariac.recorder_messages import AriacScoreRecords
+from ariac_score_ariac.work import Kit, KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 GEAR, RECORDS, MSGS = NistGear2020(), AriacScoreRecords(), AriacMsgs2023()
 GEAR_2018, GEAR_2021, GEAR_2022 = OsrfGear2018(), NistGear2021(), NistGear2022()
@@ -109,7 +110,7 @@ def test_an_order_with_an_impossible_pose_is_refused(broken: dict[str, float]) -
 def test_a_submitted_product_with_an_impossible_pose_stays_without_it(broken: dict[str, float]) -> None:
     found = RECORDS.decode("ariac_score_msgs/msg/Submission", submission(**broken), 1.0)
 
-    assert isinstance(found, Submission)
+    assert isinstance(found, KitSubmission)
     assert found.contents == (Product("gear_part_red", None, faulty=True, name="gear_7"),)
 
 
@@ -117,7 +118,7 @@ def test_a_submission_tells_what_came_where_and_when() -> None:
     found = RECORDS.decode("ariac_score_msgs/msg/Submission", submission(), 12.0)
 
     product = Product("gear_part_red", Pose((0.1, 0.2, 0.3)), faulty=True, name="gear_7")
-    assert found == Submission("order_0_shipment_0", 12.0, (product,), agv="agv1", station="as2")
+    assert found == KitSubmission("order_0_shipment_0", 12.0, (product,), agv="agv1", station="as2")
 
 
 def test_a_trial_event_is_taken_over() -> None:
@@ -132,7 +133,7 @@ def test_a_submission_names_its_tray_or_says_that_there_was_none() -> None:
     def tray(named: str) -> Tray | None:
         message = Fields(**vars(submission()), tray=named, contents_unknown=False)
         found = RECORDS.decode("ariac_score_msgs/msg/Submission", message, 1.0)
-        assert isinstance(found, Submission)
+        assert isinstance(found, KitSubmission)
         return found.tray
 
     assert tray("kit_tray_03") == Tray("kit_tray_03")
@@ -149,7 +150,7 @@ def test_a_submission_whose_contents_are_unknown_is_not_one_of_nothing() -> None
         for unknown in (True, False)
     ]
 
-    assert [item.contents for item in decoded if isinstance(item, Submission)] == [None, ()]
+    assert [item.contents for item in decoded if isinstance(item, KitSubmission)] == [None, ()]
 
 
 # The AGV of an order

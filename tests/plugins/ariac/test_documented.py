@@ -13,21 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score import (
-    Event,
-    Finding,
-    Order,
-    Pose,
-    Product,
-    Rule,
-    Submission,
-    Task,
-    TeamSetup,
-    Tray,
-    Trial,
-    Verdict,
-    WantedProduct,
-)
+from ariac_score import Event, Finding, Pose, Rule, TeamSetup, Trial, Verdict
 from ariac_score_ariac.tasks import (
     AssemblyPart,
     InsertedPart,
@@ -38,6 +24,7 @@ from ariac_score_ariac.tasks import (
     TrayRight,
 )
 from ariac_score_ariac.tasks.poses import PoseError, best_total
+from ariac_score_ariac.work import KitSubmission, Order, Product, SensorBill, Task, Tray, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -62,7 +49,7 @@ def trial(
     witnessed: Iterable[str] = ("submissions",),
     station: str = "as2",
 ) -> Trial:
-    submission = Submission("s", 20.0, contents, "agv1", station, tray)
+    submission = KitSubmission("s", 20.0, contents, "agv1", station, tray)
     return Trial("t", (of,), (submission,), tuple(sorted(events)), witnessed=frozenset(witnessed), team=None)
 
 
@@ -223,7 +210,7 @@ TIME = OrderTime(kinds=("kitting", "assembly", "combined"), until="all_complete"
 
 
 def at(**times: float) -> Trial:
-    handed_in = tuple(Submission(task, t_s, ()) for task, t_s in times.items())
+    handed_in = tuple(KitSubmission(task, t_s, ()) for task, t_s in times.items())
     return Trial("t", (MIXED,), handed_in, witnessed=frozenset({"submissions"}))
 
 
@@ -378,7 +365,7 @@ def test_where_no_such_part_is_seen_nobody_asks_for_a_report() -> None:
 
 
 def test_unknown_contents_leave_assembly_undecided() -> None:
-    of = replace(trial(BATTERY), submissions=(Submission("s", 20.0, None, station="as2"),))
+    of = replace(trial(BATTERY), submissions=(KitSubmission("s", 20.0, None, station="as2"),))
 
     assert verdicts(PartAssembled(), of) == [INCONCLUSIVE]
     assert verdicts(slot("type"), of) == [INCONCLUSIVE]
@@ -388,20 +375,23 @@ def test_unknown_contents_leave_assembly_undecided() -> None:
 
 
 @pytest.mark.parametrize(
-    ("team", "verdict"),
+    ("sensors", "recorded", "verdict"),
     [
-        (TeamSetup("", MappingProxyType({"a": "lidar"})), SATISFIED),
-        (TeamSetup("", None, 300.0), SATISFIED),
-        (TeamSetup("", MappingProxyType({})), INCONCLUSIVE),
-        (TeamSetup("", None, 0.0), INCONCLUSIVE),
-        (TeamSetup("", None), INCONCLUSIVE),
-        (TeamSetup("", MappingProxyType({"a": "radar"})), INCONCLUSIVE),
+        ({"a": "lidar"}, None, SATISFIED),
+        (None, 300.0, SATISFIED),
+        ({}, None, INCONCLUSIVE),
+        (None, 0.0, INCONCLUSIVE),
+        (None, None, INCONCLUSIVE),
+        ({"a": "radar"}, None, INCONCLUSIVE),
     ],
 )
-def test_a_cost_of_nothing_is_no_divisor(team: TeamSetup, verdict: Verdict) -> None:
+def test_a_cost_of_nothing_is_no_divisor(
+    sensors: dict[str, str] | None, recorded: float | None, verdict: Verdict
+) -> None:
     rule = PositiveSensorCost(MappingProxyType({"lidar": 300.0}))
+    bill = () if recorded is None else (SensorBill(recorded),)
 
-    findings: list[Finding] = list(rule.watch(Trial("t", team=team)))
+    findings: list[Finding] = list(rule.watch(Trial("t", team=TeamSetup("", sensors), records=bill)))
 
     assert [finding.verdict for finding in findings] == [verdict]
     assert [dict(f.quantities).get("dollars") for f in findings] == [300.0 if verdict is SATISFIED else None]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ariac_score import Order, Pose, Product, Task, Trial, WantedProduct
+from ariac_score import Pose, Trial
 from ariac_score_ariac.fault_marks import by_challenges, by_list
+from ariac_score_ariac.work import FaultyProducts, Order, Product, Task, WantedProduct
 
 GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")
 SOUND = Product("pump_red", Pose((0.1, -0.1, 0.0)), name="pump_red_2")
@@ -17,7 +18,8 @@ def kit(*, challenged: bool | None, kind: str = "kitting") -> Task:
 
 
 def trial(task: Task, listed: frozenset[str] | None = None) -> Trial:
-    return Trial("t", work=(Order("ABCD", (task,), 1.0),), faulty_products=listed)
+    records = () if listed is None else (FaultyProducts(listed),)
+    return Trial("t", work=(Order("ABCD", (task,), 1.0),), records=records)
 
 
 def faulty(marked: tuple[Product, ...] | None) -> list[bool] | None:

@@ -11,25 +11,13 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from ariac_score import (
-    Order,
-    Pose,
-    Product,
-    RuleSet,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    Verdict,
-    WantedProduct,
-    load_rule_set,
-    measure_trial,
-)
+from ariac_score import Pose, RuleSet, Trial, Verdict, load_rule_set, measure_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Pinned, Provenance, Result
 from ariac_score_ariac.tasks import InsertedPart, InsertSeen
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -59,7 +47,7 @@ def trial(
 ) -> Trial:
     order = Order("ABCD1235", (Task("ABCD1235", kind, wanted, station="as2"),), announced_s=5.0)
     held = None if contents is None else tuple(contents)
-    submission = Submission("ABCD1235", 50.0, held, station=station, tray=insert)
+    submission = KitSubmission("ABCD1235", 50.0, held, station=station, tray=insert)
     return Trial("t", work=(order,), submissions=(submission,), witnessed=frozenset(witnessed))
 
 

@@ -20,44 +20,50 @@ from hypothesis import strategies as st
 
 from ariac_score import score_trial
 from ariac_score.checks.contracts import Wanted
+from ariac_score.checks.registry import Registry
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.logs.logmap import load_log_map
-from ariac_score.trial.channels import Footprint, KitMap, LogMap, TrayMatch
-from ariac_score.trial.model import Kit, Pose, Product, Tray
+from ariac_score.trial.channels import LogMap
+from ariac_score.trial.model import Pose
 from ariac_score_ariac.fault_marks import by_challenges, by_list
-from ariac_score_ariac.kit_from_poses import KitsOfModels, part_type, product_type
+from ariac_score_ariac.kit_from_poses import KitsOfModels, LooseTray, TrayMatch, part_type, product_type
+from ariac_score_ariac.work import Kit, Product, Tray
 
 QUARTER = "1.5707963267948966"
-BOX = Footprint(half_length_m=0.25, half_width_m=0.35, height_m=0.15)
-FIXED = KitMap(
+BOX = (0.25, 0.35, 0.15)
+FIXED = KitsOfModels(
     products=("*_part", "*_part_*"),
-    trays=(TrayMatch("agv", "{place}::kit_tray_{n}::kit_tray_{n}::tray", BOX),),
+    trays=(TrayMatch("{place}::kit_tray_{n}::kit_tray_{n}::tray", *BOX),),
 )
-LOOSE = KitMap(
+LOOSE = KitsOfModels(
     products=("assembly_*",),
     trays=(
         TrayMatch(
-            "agv",
             "{place}::kit_tray_{n}::kit_tray_{n}::tray",
-            BOX,
-            loose="movable_tray_*::link",
-            loose_footprint=Footprint(0.2, 0.3, 0.15),
+            *BOX,
+            loose=LooseTray("movable_tray_*::link", 0.2, 0.3, 0.15),
         ),
     ),
 )
-PARTS = KitMap(
+PARTS = KitsOfModels(
     names="part",
     trays=(
         TrayMatch(
-            "agv",
             "*::{place}_tray",
-            BOX,
-            loose="*kit_tray_*::*kit_tray_link",
-            loose_footprint=Footprint(0.19, 0.26, 0.15),
+            *BOX,
+            loose=LooseTray("*kit_tray_*::*kit_tray_link", 0.19, 0.26, 0.15),
         ),
     ),
 )
+
+
+def kits_of(log_map: str) -> KitsOfModels:
+    named = load_log_map(log_map).tracks
+    assert named is not None
+    kits = Registry().find("ariac_score.tracks", named.use).build(named.parameters)
+    assert isinstance(kits, KitsOfModels)
+    return kits
 
 
 # A state log by hand
@@ -98,12 +104,12 @@ def state_log(folder: Path, *frames: str, end: str = "</gazebo_log>") -> Path:
     return path
 
 
-def seen(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> Kit | None:
-    (record,) = GazeboStateReader().read(path, Wanted(LogMap("test", kits=kits), kits=KitsOfModels())).kits
+def seen(path: Path, place: str, t_s: float, kits: KitsOfModels = FIXED) -> Kit | None:
+    (record,) = GazeboStateReader().read(path, Wanted(LogMap("test"), tracks=kits)).records
     return record.seen(place, t_s, max_age_s=1.0)
 
 
-def contents(path: Path, place: str, t_s: float, kits: KitMap = FIXED) -> tuple[Product, ...]:
+def contents(path: Path, place: str, t_s: float, kits: KitsOfModels = FIXED) -> tuple[Product, ...]:
     kit = seen(path, place, t_s, kits)
     assert kit is not None
     return kit.contents
@@ -158,7 +164,7 @@ EDGE_X, EDGE_Y = 0.25, 0.35
     ],
 )
 def test_the_sides_of_the_box_belong_to_it(x: float, y: float, z: float, inside: bool) -> None:
-    assert BOX.holds((float(x), float(y), float(z))) is inside
+    assert TrayMatch("*", *BOX).holds((float(x), float(y), float(z))) is inside
 
 
 @pytest.mark.parametrize(("x", "inside"), [(2.3499, True), (2.3501, False), (1.6501, True), (1.6499, False)])
@@ -251,7 +257,7 @@ def test_of_frames_at_one_time_the_last_counts(tmp_path: Path) -> None:
 def test_a_log_map_without_trays_asks_for_no_kits(tmp_path: Path) -> None:
     log = state_log(tmp_path, frame("5 0", TRAY_2))
 
-    assert GazeboStateReader().read(log, Wanted(LogMap("test"))).kits == ()
+    assert GazeboStateReader().read(log, Wanted(LogMap("test"))).records == ()
 
 
 # Loose trays
@@ -395,7 +401,7 @@ BAG_PART = ("gear_part_red_1::link", 2.1, -3.0, 0.8)
 
 
 def test_link_states_of_a_bag_show_kits() -> None:
-    frames = ModelFrames(FIXED, KitsOfModels())
+    frames = ModelFrames(FIXED)
     frames.add(states(BAG_TRAY, BAG_PART), 1_000_000_000)
     frames.add(states(BAG_TRAY), 2_000_000_000)
     record = frames.record(0)
@@ -411,7 +417,7 @@ def test_link_states_of_a_bag_show_kits() -> None:
 
 
 def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
-    frames = ModelFrames(FIXED, KitsOfModels())
+    frames = ModelFrames(FIXED)
     frames.add(states(BAG_TRAY), 1_000_000_000)
     record = frames.record(0)
 
@@ -421,7 +427,7 @@ def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
 
 
 def test_a_bag_without_model_states_shows_no_kits() -> None:
-    assert ModelFrames(FIXED, KitsOfModels()).record(0) is None
+    assert ModelFrames(FIXED).record(0) is None
 
 
 # From end to end: submissions of one log, contents of another
@@ -506,13 +512,13 @@ def test_a_submission_before_the_first_frame_is_undecided(tmp_path: Path) -> Non
 def test_shipped_log_maps_find_the_trays_of_their_edition() -> None:
     names = {"ariac2019", "ariac2020", "ariac2021", "ariac2022", "ariac2023", "ariac2024"}
 
-    assert all(load_log_map(name).kits.trays for name in names)
+    assert all(kits_of(name).trays for name in names)
 
 
 def test_the_real_log_of_2022_shows_that_no_movable_tray_was_brought(shared: Path) -> None:
     log = shared / "ariac/data/nist_team_2022/gazebo/state.log"
-    kits = load_log_map("ariac2022").kits
-    (record,) = GazeboStateReader().read(log, Wanted(LogMap("test", kits=kits), kits=KitsOfModels())).kits
+    kits = kits_of("ariac2022")
+    (record,) = GazeboStateReader().read(log, Wanted(LogMap("test"), tracks=kits)).records
 
     for number in (1, 2, 3, 4):
         kit = record.seen(f"agv{number}", 20.0, max_age_s=1.0)

@@ -16,26 +16,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ariac_score import (
-    Finding,
-    Order,
-    Pose,
-    Product,
-    Rule,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    Verdict,
-    WantedProduct,
-    load_rule_set,
-    measure_trial,
-)
+from ariac_score import Finding, Pose, Rule, Trial, Verdict, load_rule_set, measure_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.results.result import Pinned, Provenance, Result
-from ariac_score.testing import kitting_trial
 from ariac_score_ariac.tasks import (
     Destination,
     KitPose,
@@ -49,6 +34,8 @@ from ariac_score_ariac.tasks import (
     TrayRight,
 )
 from ariac_score_ariac.tasks.poses import PoseError, best_assignment
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -75,11 +62,11 @@ def part(kind: str = GEAR, pose: Pose | None = ORIGIN, *, faulty: bool = False, 
     return Product(kind, pose, faulty, name)
 
 
-def handed_in(*contents: Product, at_s: float = 20.0, **more: Any) -> Submission:
-    return Submission("s", at_s, contents, **more)
+def handed_in(*contents: Product, at_s: float = 20.0, **more: Any) -> KitSubmission:
+    return KitSubmission("s", at_s, contents, **more)
 
 
-def trial(*submissions: Submission, witnessed: Iterable[str] = ("submissions",)) -> Trial:
+def trial(*submissions: KitSubmission, witnessed: Iterable[str] = ("submissions",)) -> Trial:
     return Trial("t", submissions=submissions, witnessed=frozenset(witnessed))
 
 
@@ -194,7 +181,7 @@ def test_an_order_for_an_empty_kit_is_priced_and_earns_nothing() -> None:
 @pytest.mark.parametrize("rule", [*PER_SLOT, *PER_TRAY], ids=lambda rule: type(rule).__name__)
 def test_unknown_contents_are_undecided_whatever_was_ordered(rule: Rule) -> None:
     order = kit((GEAR, ORIGIN), ("pulley_part_blue", at(0.1)))
-    unseen = trial(Submission("s", 20.0, contents=None))
+    unseen = trial(KitSubmission("s", 20.0, contents=None))
 
     assert set(verdicts(rule, unseen, order)) == {INCONCLUSIVE}
 
@@ -230,7 +217,7 @@ def test_a_log_without_submissions_or_contents_never_satisfies_a_rule_about_them
     wanted: list[str], agv: str
 ) -> None:
     order = kit(*((kind, ORIGIN) for kind in wanted), agv=agv)
-    unwitnessed, unseen = trial(witnessed=()), trial(Submission("s", 20.0, contents=None, agv="agv1"))
+    unwitnessed, unseen = trial(witnessed=()), trial(KitSubmission("s", 20.0, contents=None, agv="agv1"))
 
     for rule in [*PER_SLOT, *PER_TRAY, *OF_DELIVERY]:
         assert SATISFIED not in verdicts(rule, unwitnessed, order)
@@ -271,7 +258,7 @@ def test_the_second_submission_of_a_shipment_is_ignored_better_or_worse() -> Non
 
 
 def test_a_submission_of_another_shipment_does_not_count() -> None:
-    other = trial(Submission("order_1234_shipment_0", 20.0, (part(),)))
+    other = trial(KitSubmission("order_1234_shipment_0", 20.0, (part(),)))
 
     assert only(Submitted(), other, kit((GEAR, ORIGIN))).verdict is VIOLATED
 
@@ -515,7 +502,7 @@ def test_from_2021_the_station_must_be_right_too(
 def test_the_order_time_runs_from_announcement_to_the_last_counted_submission() -> None:
     tasks = (Task("a"), Task("b"))
     order = Order("order_0", tasks, announced_s=10.0)
-    done = trial(Submission("a", 15.0, ()), Submission("b", 32.5, ()), Submission("a", 90.0, ()))
+    done = trial(KitSubmission("a", 15.0, ()), KitSubmission("b", 32.5, ()), KitSubmission("a", 90.0, ()))
 
     finding = only(OrderTime(), done, order)
 
@@ -526,7 +513,7 @@ def test_the_order_time_runs_from_announcement_to_the_last_counted_submission() 
 def test_an_order_with_a_shipment_left_over_is_not_complete_and_has_no_time() -> None:
     order = Order("order_0", (Task("a"), Task("b")), announced_s=10.0)
 
-    finding = only(OrderTime(), trial(Submission("a", 15.0, ())), order)
+    finding = only(OrderTime(), trial(KitSubmission("a", 15.0, ())), order)
 
     assert finding.verdict is VIOLATED
     assert finding.message == "1 of 2 shipments were submitted"

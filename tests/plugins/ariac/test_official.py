@@ -16,10 +16,8 @@ from ariac_score import (
     Monitor,
     OfficialOrder,
     OfficialResult,
-    Order,
     Result,
     Rule,
-    Task,
     Trial,
     Verdict,
     load_rule_set,
@@ -32,8 +30,8 @@ from ariac_score.engine.prepared import prepare
 from ariac_score.errors import RuleSetError
 from ariac_score.results.cohort_file import contributed, make_cohort
 from ariac_score.scoring.cohort import CohortValues
-from ariac_score.trial.model import TeamSetup
 from ariac_score_ariac.tasks import OfficialOrderScore, OfficialTrialScore
+from ariac_score_ariac.work import Order, SensorBill, Task
 
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
 EDITIONS = [f"ariac{year}.official" for year in range(2017, 2025)]
@@ -512,7 +510,7 @@ def trial_2024(dollars: int, orders: Mapping[str, tuple[int, str | None]]) -> Tr
     return Trial(
         "kitting",
         tuple(Order(name, outline=True) for name in orders),
-        team=TeamSetup(sensor_cost=float(dollars)),
+        records=(SensorBill(float(dollars)),),
         official=OfficialResult("trial_log.txt", 0.0, 400.0, summaries=summaries),
     )
 

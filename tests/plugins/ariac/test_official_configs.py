@@ -184,10 +184,10 @@ def test_of_an_entry_for_the_evaluation_only_the_name_is_read(subtests: pytest.S
                 refusals.append(str(caught.value) + caught.value.hint)
 
             assert trial.team is not None
-            assert (trial.team.name, trial.team.sensors, trial.team.sensor_cost) == (
+            assert (trial.team.name, trial.team.sensors, trial.records) == (
                 "nist_competitor",
                 None,
-                None,
+                (),
             )
             texts = (*refusals, repr(trial), repr(ENTRIES.describe(path)))
             secrets = [value for key, value in plain(name)["github"].items() if value]

@@ -20,18 +20,12 @@ from ariac_score import (
     Event,
     Finding,
     LogMap,
-    Order,
     Pose,
-    Product,
     Rule,
     RuleSet,
-    Submission,
-    Task,
-    Tray,
     Trial,
     Verdict,
     Wanted,
-    WantedProduct,
     load_rule_set,
     measure_trial,
 )
@@ -42,6 +36,7 @@ from ariac_score.logs.jsonl import FORMAT, JsonLinesReader
 from ariac_score.results.result import Pinned, Provenance, Result
 from ariac_score_ariac.tasks import ExtraParts, OrderSubmitted, QuadrantPart, TaskKind, TrayNumber
 from ariac_score_ariac.tasks.quadrants import quadrant_of
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 SATISFIED, VIOLATED = Verdict.SATISFIED, Verdict.VIOLATED
 INCONCLUSIVE, NOT_APPLICABLE = Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE
@@ -88,7 +83,7 @@ def trial(
     return Trial(
         "t",
         work=(order or kit(*WANTED),),
-        submissions=(Submission("ABCD1234", 100.0, held, agv, station, tray),),
+        submissions=(KitSubmission("ABCD1234", 100.0, held, agv, station, tray),),
         events=tuple(events),
         witnessed=frozenset(witnessed),
     )
@@ -510,7 +505,7 @@ def test_priority_and_the_order_of_submission_change_no_task_score(rules: str) -
     (task,) = first.work[0].tasks
     urgent = Order("ABCD1235", (replace(task, id="ABCD1235"),), announced_s=0.0, priority=3)
     for at_s in (50.0, 150.0):
-        second = replace(first.submissions[0], task_id="ABCD1235", submitted_s=at_s)
+        second = replace(first.submissions[0], item_id="ABCD1235", submitted_s=at_s)
         both = replace(first, work=(*first.work, urgent), submissions=(*first.submissions, second))
         assert score(both, rules) == 2 * score(first, rules)
 

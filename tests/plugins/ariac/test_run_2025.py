@@ -18,7 +18,6 @@ from ariac_score import (
     Monitor,
     OfficialOrder,
     OfficialResult,
-    Order,
     Rule,
     Trial,
     Verdict,
@@ -31,8 +30,10 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.official.ariac_database import AriacDatabaseReader
 from ariac_score_ariac.tasks import RunOrder, RunRecord
+from ariac_score_ariac.work import Order
 
 SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE
 LATER, FIRST, DOCUMENTED = "ariac2025.as_coded", "ariac2025.first_weights", "ariac2025.as_documented"
@@ -286,7 +287,9 @@ def unrounded(folder: Path, run: Run, rules: str) -> float:
     """Our score as it is before it is rounded for the ledger."""
     rule_set = load_rule_set(rules)
     path = stored(folder, run)
-    trial = merge_trials("T", [AriacDatabaseReader().read(path, Wanted(LogMap("test")))], file=path)
+    trial = merge_trials(
+        "T", [AriacDatabaseReader().read(path, Wanted(LogMap("test")))], file=path, competition=Ariac()
+    )
     measured = measure_trial(trial, prepare(rule_set, registry=REGISTRY))
     return rule_set.sheet.evaluate(measured.scopes, measured.findings).value
 

@@ -9,8 +9,8 @@ import pytest
 from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.trial.channels import LogMap
-from ariac_score.trial.model import TeamSetup
 from ariac_score_ariac.official.sensor_cost import SensorCostReader
+from ariac_score_ariac.work import SensorBill
 
 READER = SensorCostReader()
 WANTED = Wanted(LogMap("test"))
@@ -36,12 +36,12 @@ Total sensor cost is: $3000
 """
 
 
-def read(folder: Path, text: str) -> TeamSetup:
+def read(folder: Path, text: str) -> SensorBill:
     path = folder / "sensor_cost.txt"
     path.write_text(text, encoding="utf-8", newline="")
-    team = READER.read(path, WANTED).team
-    assert team is not None
-    return team
+    (bill,) = READER.read(path, WANTED).records
+    assert isinstance(bill, SensorBill)
+    return bill
 
 
 def test_is_a_reader() -> None:
@@ -49,10 +49,10 @@ def test_is_a_reader() -> None:
 
 
 def test_the_sensors_are_counted_through_and_the_total_is_taken_as_printed(tmp_path: Path) -> None:
-    team = read(tmp_path, COST)
+    bill = read(tmp_path, COST)
 
-    assert team.sensor_cost == 3000.0
-    assert dict(team.sensors) == {
+    assert bill.cost == 3000.0
+    assert dict(bill.sensors) == {
         "basic_logical_camera_1": "basic_logical_camera",
         "basic_logical_camera_2": "basic_logical_camera",
         "basic_logical_camera_3": "basic_logical_camera",
@@ -61,7 +61,6 @@ def test_the_sensors_are_counted_through_and_the_total_is_taken_as_printed(tmp_p
         "rgb_camera_1": "rgb_camera",
         "robot_rgbd_camera_1": "robot_rgbd_camera",
     }
-    assert team.name == ""
 
 
 @pytest.mark.parametrize(
@@ -74,7 +73,7 @@ def test_the_sensors_are_counted_through_and_the_total_is_taken_as_printed(tmp_p
     ],
 )
 def test_it_is_read_by_label(tmp_path: Path, old: str, new: str) -> None:
-    assert read(tmp_path, COST.replace(old, new)).sensor_cost == 3000.0
+    assert read(tmp_path, COST.replace(old, new)).cost == 3000.0
 
 
 @pytest.mark.parametrize(

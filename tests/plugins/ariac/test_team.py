@@ -27,6 +27,7 @@ from ariac_score.errors import RuleSetError
 from ariac_score.trial.channels import LogMap
 from ariac_score_ariac.config.team_config import TeamConfigReader
 from ariac_score_ariac.tasks import SensorCost
+from ariac_score_ariac.work import SensorBill
 
 CONFIG = Path(__file__).parents[3].parent / "shared" / "ariac" / "data" / "config"
 REAL = CONFIG.parent / "nist_team_2022"
@@ -70,14 +71,19 @@ PRICES_2025 = {
 """Sensor prices: the Doc part of each year's section of the rulebooks."""
 
 
-def only(monitor: SensorCost, team: TeamSetup | None) -> Finding:
-    (finding,) = monitor.watch(Trial("t", team=team))
+def only(monitor: SensorCost, of: Trial | TeamSetup | None) -> Finding:
+    (finding,) = monitor.watch(of if isinstance(of, Trial) else Trial("t", team=of))
     assert finding.subject == "team"
     return finding
 
 
-def team(*types: str, cost: float | None = None) -> TeamSetup:
-    return TeamSetup(sensors={f"s{n}": kind for n, kind in enumerate(types)}, sensor_cost=cost)
+def team(*types: str, cost: float | None = None) -> Trial:
+    setup = TeamSetup(sensors={f"s{n}": kind for n, kind in enumerate(types)})
+    return Trial("t", team=setup, records=() if cost is None else (SensorBill(cost),))
+
+
+def team_without_list(cost: float) -> Trial:
+    return Trial("t", records=(SensorBill(cost),))
 
 
 def test_it_is_a_monitor_that_needs_no_signal() -> None:
@@ -179,7 +185,7 @@ def test_a_free_type_is_counted_and_costs_nothing() -> None:
     [
         ("recorded_first", team("lidar", cost=300.0), 300, "$300 by the official record: 1 x lidar"),
         ("recorded_first", team("lidar"), 300, "$300: 1 x lidar"),
-        ("recorded_first", TeamSetup(sensor_cost=250.5), 250.5, "$250.50 by the official record"),
+        ("recorded_first", team_without_list(250.5), 250.5, "$250.50 by the official record"),
         (
             "recorded_first",
             team("lidar", cost=900.0),
@@ -197,23 +203,23 @@ def test_a_free_type_is_counted_and_costs_nothing() -> None:
         ("configured", team("lidar", cost=900.0), 300, "$300: 1 x lidar"),
     ],
 )
-def test_take_says_which_cost_counts(take: Any, setup: TeamSetup, dollars: float, words: str) -> None:
+def test_take_says_which_cost_counts(take: Any, setup: Trial, dollars: float, words: str) -> None:
     finding = only(SensorCost(PRICES_2024, take=take), setup)
 
     assert finding.verdict is Verdict.SATISFIED
     assert (finding.quantities["dollars"], finding.message) == (dollars, words)
-    assert ("sensors" in finding.quantities) == (setup.sensors is not None)
+    assert ("sensors" in finding.quantities) == (setup.team is not None)
 
 
 @pytest.mark.parametrize(
     ("take", "setup"),
     [
         ("recorded", team("lidar")),
-        ("configured", TeamSetup(sensor_cost=900.0)),
+        ("configured", team_without_list(900.0)),
         ("configured", team("radar", cost=900.0)),
     ],
 )
-def test_the_cost_that_counts_must_be_known(take: Any, setup: TeamSetup) -> None:
+def test_the_cost_that_counts_must_be_known(take: Any, setup: Trial) -> None:
     assert only(SensorCost(PRICES_2024, take=take), setup).verdict is Verdict.INCONCLUSIVE
 
 

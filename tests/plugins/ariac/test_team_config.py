@@ -265,7 +265,7 @@ def test_the_name_of_an_entry_is_read_and_nothing_about_sensors(tmp_path: Path) 
     path = entry(tmp_path, ENTRY)
     trial = ENTRIES.read(path, WANTED)
 
-    assert trial.team == TeamSetup("blue", None, None)
+    assert trial.team == TeamSetup("blue", None)
     assert ENTRIES.describe(path).facts == {"team": "blue"}
     assert TOKEN not in repr(trial) + repr(ENTRIES.describe(path))
 

@@ -12,10 +12,12 @@ from ariac_score.logs.bundle import find_parts
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import OfficialResult, Trial
+from ariac_score_ariac.competition import Ariac
 from ariac_score_ariac.config.ariac_config import TrialConfigReader
 from ariac_score_ariac.official.ariac_text import PerformanceLogReader
 from ariac_score_ariac.official.sensor_cost import SensorCostReader
 from ariac_score_ariac.official.trial_log import TrialLogReader
+from ariac_score_ariac.work import sensor_cost
 
 READER = TrialLogReader()
 WANTED = Wanted(LogMap("test"))
@@ -203,7 +205,7 @@ def test_an_order_was_announced_its_duration_before_its_submission(tmp_path: Pat
         "ABC12345": 2.0,
         "ABC12346": 100.25,
     }
-    assert [(s.task_id, s.submitted_s, s.contents, s.agv, s.station) for s in trial.submissions] == [
+    assert [(s.item_id, s.submitted_s, s.contents, s.agv, s.station) for s in trial.submissions] == [
         ("ABC12345", 100.002, None, "agv2", ""),
         ("ABC12346", 120.5, None, "", "as3"),
     ]
@@ -352,7 +354,7 @@ def test_the_layout_at_release_proves_no_order_unsubmitted_and_dates_none(tmp_pa
     trial = read(tmp_path, LOG_2023, "kitting.txt")
 
     assert trial.witnessed == frozenset()
-    assert [(s.task_id, s.submitted_s, s.agv) for s in trial.submissions] == [("MMB30H56", 88.5, "agv4")]
+    assert [(s.item_id, s.submitted_s, s.agv) for s in trial.submissions] == [("MMB30H56", 88.5, "agv4")]
     assert [defect.kind for defect in trial.log_defects] == ["unknown_submission_time"]
 
 
@@ -365,7 +367,7 @@ def test_the_interim_layout_of_2023_dates_its_orders(tmp_path: Path) -> None:
         ("MMB30H56", 12.0, 19.0, 0.5),
         ("MMB30H57", None, 14.0, 10.0),
     ]
-    assert [(s.task_id, s.submitted_s) for s in trial.submissions] == [("MMB30H56", 80.25)]
+    assert [(s.item_id, s.submitted_s) for s in trial.submissions] == [("MMB30H56", 80.25)]
     assert trial.witnessed == frozenset()
 
 
@@ -479,14 +481,17 @@ def test_the_folder_of_an_evaluation_is_one_trial(tmp_path: Path) -> None:
     }
     bundle = find_parts(tmp_path, readers)
     trial = merge_trials(
-        "run_1", [readers[p.reader].read(p.path, WANTED) for p in bundle.parts], file="run_1"
+        "run_1",
+        [readers[p.reader].read(p.path, WANTED) for p in bundle.parts],
+        file="run_1",
+        competition=Ariac(),
     )
 
     assert [part.role for part in bundle.parts] == ["trial_config", "sensor_cost", "official"]
     (order,) = trial.work
     assert (order.announced_s, trial.submissions[0].submitted_s) == (2.0, 100.002)
     assert trial.team is not None
-    assert (trial.team.sensor_cost, dict(trial.team.sensors)) == (
+    assert (sensor_cost(trial), dict(trial.team.sensors or {})) == (
         600.0,
         {"lidar_1": "lidar", "lidar_2": "lidar"},
     )

@@ -7,65 +7,17 @@ place and time, once all logs of a trial are together.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
+from ariac_score import LogDefect, Trial
+from ariac_score_ariac.work import Kit, KitRecord, KitSubmission, Task, orders_of, submissions_of
 
-from ariac_score.trial.model import Kit, LogDefect, Pose, Submission, Task, Trial, orders_of
-from ariac_score.trial.spans import FloatArray
-
-__all__ = ["ModelTrack", "RecordedKits", "with_contents"]
+__all__ = ["RecordedKits", "with_contents"]
 
 
-@dataclass(frozen=True, eq=False)
-class ModelTrack:
-    """Where one model or link was.
-
-    Attributes:
-        name: Scoped: `model` or `model::link`, with the models it is nested in before it.
-        frames: The frames that list it, shape (m,), increasing.
-        poses: Its pose in each, in the world frame: x, y, z in m, then roll, pitch, yaw in
-            rad, shape (m, 6), or the quaternion w, x, y, z, shape (m, 7).
-        deleted: The frames that say it is gone, shape (k,), increasing.
-    """
-
-    name: str
-    frames: NDArray[np.int64]
-    poses: FloatArray
-    deleted: NDArray[np.int64]
-
-    @property
-    def model(self) -> str:
-        """The top-level model."""
-        return self.name.partition("::")[0]
-
-    def exists(self, frame: int) -> bool:
-        """Whether it was there in a frame: listed by then, and not deleted since."""
-        row = int(np.searchsorted(self.frames, frame, side="right")) - 1
-        # A model that is listed again after its deletion was put there anew.
-        gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
-        return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
-
-    def pose(self, frame: int) -> Pose:
-        """Its last known pose in a frame in which it exists.
-
-        Raises:
-            ValueError: The log gives none that is usable.
-        """
-        row = self.poses[int(np.searchsorted(self.frames, frame, side="right")) - 1].tolist()
-        at, turn = (row[0], row[1], row[2]), row[3:]
-        if len(turn) == 3:
-            if not all(map(math.isfinite, turn)):
-                raise ValueError("a pose must be finite")
-            return Pose.from_rpy(at, (turn[0], turn[1], turn[2]))
-        return Pose(at, (turn[0], turn[1], turn[2], turn[3]))
-
-
-class RecordedKits:
+class RecordedKits(KitRecord):
     """The contents that messages show, each valid until the next one or until it is too old."""
 
     def __init__(self, kits: Iterable[Kit]) -> None:
@@ -97,12 +49,13 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
     """
     # After all parts are merged: one log may show the tray, another the submission.
     tasks = {task.id: task for order in orders_of(trial) for task in order.tasks}
-    joined = [_joined(trial, s, tasks.get(s.task_id), max_age_s) for s in trial.submissions]
-    count = sum(1 for old, new in zip(trial.submissions, joined, strict=True) if new is not old)
+    submissions, records = submissions_of(trial), _kit_records(trial)
+    joined = [_joined(trial, records, s, tasks.get(s.item_id), max_age_s) for s in submissions]
+    count = sum(1 for old, new in zip(submissions, joined, strict=True) if new is not old)
     unmarked = [
-        f"which products of {s.task_id} are faulty: its tray is seen, but no trial configuration tells"
+        f"which products of {s.item_id} are faulty: its tray is seen, but no trial configuration tells"
         for s in joined
-        if s.contents is None and _sight(trial, s, tasks.get(s.task_id), max_age_s) is not None
+        if s.contents is None and _sight(records, s, tasks.get(s.item_id), max_age_s) is not None
     ]
     defects = list(trial.log_defects)
     if count:
@@ -119,27 +72,38 @@ def with_contents(trial: Trial, *, max_age_s: float) -> Trial:
     )
 
 
-def _sight(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Kit | None:
+def _sight(
+    records: Sequence[KitRecord], submission: KitSubmission, task: Task | None, max_age_s: float
+) -> Kit | None:
     """What the first record that has any shows of a submitted kit.
 
     Messages stand first: simulators publish in them what they score, which poses only stand in for.
     """
     at_station = task is not None and task.kind != "kitting"
     place = submission.station if at_station else submission.agv
-    for record in trial.kits if place else ():
+    for record in records if place else ():
         kit = record.seen(place, submission.submitted_s, max_age_s=max_age_s)
         if kit is not None:
             return kit
     return None
 
 
-def _joined(trial: Trial, submission: Submission, task: Task | None, max_age_s: float) -> Submission:
+def _joined(
+    trial: Trial, records: Sequence[KitRecord], submission: KitSubmission, task: Task | None, max_age_s: float
+) -> KitSubmission:
     if submission.contents is not None:
         return submission
-    kit = _sight(trial, submission, task, max_age_s)
+    kit = _sight(records, submission, task, max_age_s)
     if kit is None:
         return submission
     contents = kit.contents if kit.faults is None else kit.faults(kit.contents, trial, task)
     if contents is None:
         return submission
     return replace(submission, contents=contents, tray=submission.tray or kit.tray)
+
+
+def _kit_records(trial: Trial) -> list[KitRecord]:
+    """What shows the contents of kits, the most reliable first: messages before poses."""
+    told = [record for record in trial.records if isinstance(record, Kit)]
+    seen = [record for record in trial.records if isinstance(record, KitRecord)]
+    return [*([RecordedKits(told)] if told else []), *seen]

@@ -10,32 +10,25 @@ import numpy as np
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
-from ariac_score.trial.kits import RecordedKits, with_contents
-from ariac_score.trial.model import (
-    Kit,
-    Order,
-    Pose,
-    Product,
-    Submission,
-    Task,
-    Tray,
-    Trial,
-    WantedProduct,
-)
+from ariac_score.trial.model import Pose, Trial
 from ariac_score.trial.signals import Signal
+from ariac_score_ariac.competition import Ariac
+from ariac_score_ariac.joining import with_irregularities
+from ariac_score_ariac.kits import RecordedKits, with_contents
+from ariac_score_ariac.work import Kit, KitSubmission, Order, Product, Task, Tray, WantedProduct
 
 GEAR = Product("gear_part_red", Pose((0.1, 0.0, 0.0)), name="bin1|gear_part_red_7")
 ROD = Product("piston_rod_part_blue", Pose((0.0, 0.1, 0.0)))
 KIT = Task("order_0_shipment_0", "kitting", (WantedProduct("part_0", "gear_part_red"),), "agv1")
-SUBMITTED = Submission("order_0_shipment_0", 10.0, agv="agv1")
+SUBMITTED = KitSubmission("order_0_shipment_0", 10.0, agv="agv1")
 
 
-def trial(*kits: Kit, task: Task = KIT, submission: Submission = SUBMITTED) -> Trial:
+def trial(*kits: Kit, task: Task = KIT, submission: KitSubmission = SUBMITTED) -> Trial:
     return Trial(
         "t",
         work=(Order("order_0", (task,), 1.0),),
         submissions=(submission,),
-        kits=(RecordedKits(kits),),
+        records=(RecordedKits(kits),),
     )
 
 
@@ -133,7 +126,7 @@ def test_the_competition_marks_products_by_the_trial_and_the_task() -> None:
     seen = Kit("agv1", 10.0, (GEAR,), faults=by_task)
 
     assert contents(trial(seen)) == (replace(GEAR, faulty=True),)
-    assert contents(trial(seen, submission=replace(SUBMITTED, task_id="another"))) == (GEAR,)
+    assert contents(trial(seen, submission=replace(SUBMITTED, item_id="another"))) == (GEAR,)
 
 
 # Several logs
@@ -143,6 +136,10 @@ def part(name: str, clock: str) -> TrialBuilder:
     builder = TrialBuilder(name, file=name, clock=Clock(clock))
     builder.events.append(Event(0.0, COMPETITION_STARTED))
     return builder
+
+
+def joined(trial_id: str, parts: list[Trial], *, file: str) -> Trial:
+    return with_irregularities(merge_trials(trial_id, parts, file=file, competition=Ariac()))
 
 
 def logs(clock: str) -> list[Trial]:
@@ -156,11 +153,11 @@ def logs(clock: str) -> list[Trial]:
 
 
 def test_contents_of_one_log_are_joined_to_submissions_of_another() -> None:
-    assert contents(merge_trials("t", logs("simulated time"), file="t")) == (GEAR,)
+    assert contents(joined("t", logs("simulated time"), file="t")) == (GEAR,)
 
 
 def test_nothing_is_joined_across_clocks() -> None:
-    assert contents(merge_trials("t", logs("log time"), file="t"), max_age_s=100.0) is None
+    assert contents(joined("t", logs("log time"), file="t"), max_age_s=100.0) is None
 
 
 def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configuration() -> None:
@@ -170,7 +167,7 @@ def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configura
         return Trial("t", work=(Order("A", (task,), **order),))  # type: ignore[arg-type]
 
     parts = [of(None, announced_s=3.0, priority_said=False), of(True, priority=3)]
-    (order,) = merge_trials("t", parts, file="t").work
+    (order,) = joined("t", parts, file="t").work
 
     assert (order.announced_s, order.priority) == (3.0, 3)
     assert order.tasks[0].products[0].challenged is True
@@ -184,7 +181,7 @@ def test_a_configured_order_of_other_contents_completes_nothing() -> None:
         for wanted, announced_s in ((announced, 3.0), (configured, None))
     ]
 
-    (order,) = merge_trials("t", parts, file="t").work
+    (order,) = joined("t", parts, file="t").work
 
     assert order.tasks[0].products == (announced,)
 
@@ -192,7 +189,7 @@ def test_a_configured_order_of_other_contents_completes_nothing() -> None:
 def test_a_priority_that_nothing_says_is_named() -> None:
     order = Order("order_0", (KIT,), 1.0, priority_said=False)
     (defect,) = (
-        d for d in merge_trials("t", [Trial("t", work=(order,))], file="t").log_defects if "prio" in d.kind
+        d for d in joined("t", [Trial("t", work=(order,))], file="t").log_defects if "prio" in d.kind
     )
 
     assert (defect.kind, defect.count) == ("priority_unknown", 1)

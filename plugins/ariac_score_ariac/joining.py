@@ -1,0 +1,195 @@
+"""What several logs of one trial together say about its orders, submissions and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from ariac_score import LogDefect, LogError, OfficialOrder, Record, TeamSetup, Trial, first_announced, only
+from ariac_score_ariac.work import (
+    FaultyProducts,
+    KitSubmission,
+    Order,
+    SensorBill,
+    Task,
+    WantedProduct,
+    faulty_products,
+    orders_of,
+    submissions_of,
+)
+
+__all__ = ["joined", "settle_orders", "with_irregularities"]
+
+
+def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
+    """The merged trial with its orders, submissions and sensors.
+
+    Announced orders take precedence over configured ones; configured ones take their time from the
+    event of their announcement, and updates are applied. Fields that announced orders lack, such as
+    challenges, are taken from the configured ones. Submissions with contents take precedence over those
+    of an official text, which has none, and configured sensors over recorded ones.
+
+    Raises:
+        LogError: Two logs contradict each other.
+    """
+    orders = _orders(parts, first_announced(merged), file)
+    bills = [record for part in parts for record in part.records if isinstance(record, SensorBill)]
+    only("a sensor cost", [bill.cost for bill in bills], file)
+    counted = only("a team set-up", [dict(bill.sensors) for bill in bills if bill.sensors is not None], file)
+    only("a list of faulty products", [f for part in parts if (f := faulty_products(part)) is not None], file)
+    known = {order.id for order in orders}
+    unannounced = len({o.id for part in parts for o in orders_of(part) if not o.updates} - known)
+    message = "orders of the configuration were never announced in the log"
+    defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
+    defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
+    return replace(
+        merged,
+        work=orders,
+        submissions=_submissions(parts, file),
+        team=_with_sensors(merged.team, counted),
+        records=_each_once(merged),
+        log_defects=tuple(sorted(defects)),
+    )
+
+
+def with_irregularities(trial: Trial) -> Trial:
+    """The trial with defects for submissions that answer no order, or one that is answered already."""
+    orders = orders_of(trial)
+    ordered = {task.id for order in orders for task in order.tasks}
+    known = [s.item_id for s in trial.submissions if s.item_id in ordered]
+    # An official text that is the only source of orders does not name their tasks.
+    unknown = 0 if any(order.outline for order in orders) else len(trial.submissions) - len(known)
+    noted = {
+        "priority_unknown": (
+            sum(not order.priority_said for order in orders),
+            "the messages of this edition do not say an order's priority; the trial configuration does",
+        ),
+        "unknown_shipment": (unknown, "submissions answer no shipment of any order"),
+        "repeated_submission": (len(known) - len(set(known)), "shipments were submitted more than once"),
+    }
+    defects = (LogDefect(kind, trial.id, n, message) for kind, (n, message) in noted.items() if n)
+    return replace(trial, log_defects=tuple(sorted([*trial.log_defects, *defects])))
+
+
+def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[Order, ...]:
+    """Apply updates to the orders they name.
+
+    An update takes over the products and the start time; the order keeps its id
+    and priority; the last update wins. An update whose own id is that of an announced
+    order is ignored, and so is one that names no announced order.
+
+    Raises:
+        LogError: An order is announced again with other contents.
+
+    Source:
+        ARIAC 2019, section "code" of the rulebook: update, priority.
+    """
+    orders: dict[str, Order] = {}
+    first: dict[str, Order] = {}
+    for order in announced:
+        known = first.setdefault(order.id, order)
+        # With the first announcement: an update may have changed the order since.
+        if not order.updates and order.tasks != known.tasks:
+            raise LogError(
+                f"order {order.id!r} is announced twice, with different contents",
+                file=file,
+                hint="a change of an order is an update of its own id, such as order_0_update_0",
+            )
+        if order.id in orders:
+            continue  # an update with the id of an announced order, or the order once more
+        if not order.updates:
+            orders[order.id] = order
+        elif order.updates in orders:
+            old = orders[order.updates]
+            orders[old.id] = replace(old, tasks=order.tasks, announced_s=order.announced_s)
+    return tuple(orders.values())
+
+
+def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object) -> tuple[Order, ...]:
+    found = [orders_of(part) for part in parts if part.work]
+    # A log may announce an order again and again.
+    as_announced = [settle_orders(group, file=file) for group in found if _is_announced(group)]
+    found = [group for group in found if not _is_announced(group)]
+    orders = only("orders", as_announced or found, file) or ()
+    configured = {o.id: o for group in found for o in group} if as_announced else {}
+    orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
+    dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
+    # An update in a configuration takes effect only if the log shows that it was announced.
+    if not dated:
+        return _outlined(parts)
+    return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
+
+
+def _is_announced(orders: Sequence[Order]) -> bool:
+    return any(order.announced_s is not None for order in orders)
+
+
+def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
+    """The orders of the official text, in its order, where no other file names any."""
+    summaries = [order for part in parts if part.official for order in part.official.summaries]
+    return tuple(
+        Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
+        for order in summaries
+    )
+
+
+def _priority(order: OfficialOrder) -> int:
+    """As printed: a factor in some texts, yes or no in others, where yes means the factor 3."""
+    printed = order.items.get("priority", "")
+    return int(printed) if printed.isdigit() else 3 if order.priority else 1
+
+
+def _completed(order: Order, configured: Order | None) -> Order:
+    """An announced order with what its message lacks: challenges and, in some formats, the priority."""
+    if configured is None:
+        return order
+    of_slot = {
+        (task.id, wanted.slot, wanted.type, wanted.quadrant): wanted.challenged
+        for task in configured.tasks
+        for wanted in task.products
+    }
+
+    def challenged(task: Task, wanted: WantedProduct) -> WantedProduct:
+        if wanted.challenged is not None:
+            return wanted
+        # All four: a configured order of that id with other contents must not lend its challenges.
+        key = task.id, wanted.slot, wanted.type, wanted.quadrant
+        return replace(wanted, challenged=of_slot.get(key))
+
+    tasks = tuple(replace(t, products=tuple(challenged(t, w) for w in t.products)) for t in order.tasks)
+    if order.priority_said:
+        return replace(order, tasks=tasks)
+    return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
+
+
+def _submissions(parts: Sequence[Trial], file: object) -> tuple[KitSubmission, ...]:
+    found = [submissions_of(part) for part in parts if part.submissions]
+    with_contents = [group for group in found if any(s.contents is not None for s in group)]
+    return only("submissions", with_contents or found, file) or ()
+
+
+def _each_once(merged: Trial) -> tuple[Record, ...]:
+    """The records; two files may list the same faulty products, or the same cost."""
+    listed = [record for record in merged.records if isinstance(record, FaultyProducts)]
+    bills = [record for record in merged.records if isinstance(record, SensorBill)]
+    others = (r for r in merged.records if not isinstance(r, FaultyProducts | SensorBill))
+    return (*others, *listed[:1], *bills[:1])
+
+
+def _with_sensors(team: TeamSetup | None, counted: Mapping[str, str] | None) -> TeamSetup | None:
+    """The team with the sensors of its configuration, or else those that a record counts."""
+    if counted is None or (team is not None and team.sensors is not None):
+        return team
+    return replace(team or TeamSetup(), sensors=counted)
+
+
+def _other_sensors(team: TeamSetup | None, counted: Mapping[str, str] | None) -> Iterator[LogDefect]:
+    """Whether a record counts other sensors than are configured; by type, for the names always differ."""
+    configured = None if team is None else team.sensors
+    if configured is None or counted is None or sorted(configured.values()) == sorted(counted.values()):
+        return
+    message = (
+        f"the record counts {len(counted)} sensors, the team configuration has {len(configured)}, "
+        "or of other types; the configured ones were kept"
+    )
+    yield LogDefect("other_sensors", "team", 1, message)
