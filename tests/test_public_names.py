@@ -18,20 +18,7 @@ from ariac_score import Body, Signal, Span, Trial, monitors
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/public_names.md").read_text(encoding="utf-8")
 SECTION = re.compile(r"^### (?P<names>`[^\n]+)\n(?P<text>.*?)(?=^##|\Z)", re.MULTILINE | re.DOTALL)
-OF_A_PLUGIN = {
-    "FaultMarks",
-    "Kit",
-    "KitMap",
-    "KitRecord",
-    "ModelTrack",
-    "Order",
-    "Product",
-    "Submission",
-    "Task",
-}
-OF_A_PLUGIN |= {"Tray", "TrayMatch", "WantedProduct"}
-"""Types of one competition, which belong to its plugin."""
-NAMES = {name: room for room in (ariac_score, monitors) for name in room.__all__ if name not in OF_A_PLUGIN}
+NAMES = {name: room for room in (ariac_score, monitors) for name in room.__all__}
 
 
 def sections() -> Iterator[tuple[tuple[str, ...], str]]:

@@ -547,9 +547,12 @@ class Pricing:
         # Sorted, so that sums and traces do not depend on the order in which findings were stored.
         self.findings = {key: findings[key] for key in sorted(findings)}
         self._terms: dict[tuple[str, str], Traced] = {}
-        self._by_check: dict[str, list[tuple[str, Finding]]] = {}
+        # By check and every path that the subject lies in: asked for each scope, of which there may be many.
+        self._within: dict[tuple[str, str], dict[str, Finding]] = {}
         for key, finding in self.findings.items():
-            self._by_check.setdefault(finding.check, []).append((key, finding))
+            steps = finding.subject.split("/")
+            for path in {"", *("/".join(steps[: i + 1]) for i in range(len(steps)))}:
+                self._within.setdefault((finding.check, path), {})[key] = finding
 
     def root(self, formula: Expression, label: str) -> Traced:
         """A formula of the whole trial, such as its score."""
@@ -578,7 +581,7 @@ class Pricing:
 
     def of_check(self, check: str, scope: Scope) -> dict[str, Finding]:
         """The findings of a check within a scope, by id."""
-        return {k: f for k, f in self._by_check.get(check, ()) if scope.contains(f.subject)}
+        return dict(self._within.get((check, scope.path), {}))
 
 
 class ScopeNames:

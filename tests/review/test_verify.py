@@ -156,7 +156,9 @@ def _set(path: str, value: Any) -> Edit:
 def _score_and_ledger(data: dict[str, Any]) -> None:
     """A forger who knows that the ledger must add up."""
     data["score"] = data["ledger"]["amount"] = 20.761677
-    data["ledger"]["children"][1]["amount"] += 1.0
+    taken = data["ledger"]["children"][1]
+    for line in (taken, taken["children"][0]):
+        line["amount"] = round(line["amount"] + 1.0, 6)
 
 
 @pytest.mark.parametrize(

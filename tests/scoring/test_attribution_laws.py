@@ -5,20 +5,23 @@ from __future__ import annotations
 from decimal import Decimal
 from fractions import Fraction
 
+import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError
+from ariac_score.scoring.attribution import Exact
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ledger import reconcile
 from ariac_score.trial.spans import Span
 
-from .attributed import Case, S, V, order
+from .attributed import Case, S, V, found, order, times
 
-LAWFUL = settings(max_examples=150, derandomize=True, deadline=None)
+pytestmark = pytest.mark.slow
+LAWFUL = settings(max_examples=40, derandomize=True, deadline=None)
 
 MEASURES = {
     "m": {
@@ -157,3 +160,123 @@ def test_every_finding_that_a_formula_asked_about_is_told_of(case: Case) -> None
 
     changed = {key for key, amount in (*case.taken.items(), *case.earned.items()) if amount and key in used}
     assert changed <= told
+
+
+# Two ways to say the same --------------------------------------------------------------
+
+_FACTORS = (
+    *("product(v, p=0.6)", "gate(w)", "1 / (1 + 0.4 * count(v))"),
+    *("(2 - measure(m, share))", "0.5 ** count(w)"),
+)
+_SUMMANDS = (
+    *("points(p)", "3 * measure(m, earned)", "-count(v)", "7"),
+    *("measure(m, cost)", "(1 if holds(w) else 0)"),
+)
+
+
+def _nested(data: st.DataObject, parts: list[str], sign: str) -> str:
+    """The same parts in another order and other brackets."""
+    parts = data.draw(st.permutations(parts))
+    while len(parts) > 1:
+        at = data.draw(st.integers(0, len(parts) - 2))
+        parts[at : at + 2] = [f"({parts[at]} {sign} {parts[at + 1]})"]
+    return parts[0]
+
+
+@given(st.data())
+@LAWFUL
+def test_brackets_order_and_names_of_terms_change_no_amount(data: st.DataObject) -> None:
+    found = data.draw(findings(["o0/p0"]))
+
+    def amounts_of(formula: str, **terms: dict[str, str]) -> list[dict[str, Exact]]:
+        case = Case(formula, found, scopes=order(1), measures=MEASURES, **terms)
+        return [{k: v for k, v in each.items() if v} for each in (case.earned, case.taken)]
+
+    factors = data.draw(st.lists(st.sampled_from(_FACTORS), min_size=2, max_size=4, unique=True))
+    summands = data.draw(st.lists(st.sampled_from(_SUMMANDS), min_size=2, max_size=4, unique=True))
+    least = data.draw(st.sampled_from(("min", "max")))
+    flat = f"{least}({', '.join(summands)}, 5) + ({' + '.join(summands)}) * {' * '.join(factors)}"
+
+    shuffled = data.draw(st.permutations(summands))
+    cut = data.draw(st.integers(1, len(shuffled) - 1))
+    inner = f"{least}({', '.join(shuffled[cut:])}, 5)"
+    other = f"{least}({', '.join([*shuffled[:cut], inner])})"
+    zebra = _nested(data, [*factors, f"({_nested(data, list(summands), '+')})"], "*")
+    assert amounts_of(flat) == amounts_of("aardvark + zebra", trial={"zebra": zebra, "aardvark": other})
+
+
+@given(cases(), st.sampled_from((2, 10, 64)))
+@LAWFUL
+def test_a_score_in_other_units_has_amounts_in_other_units(case: Case, by: int) -> None:
+    larger = Case(
+        f"{by} * ({case.sheet.score.source})",
+        case.findings,
+        scopes=case.scopes,
+        measures=case.measures,
+        parameters=dict(case.sheet.parameters),
+        cohort=case.cohort,
+        cohort_terms=dict(case.sheet.cohort),
+        **{level: {n: f.source for n, f in each.items()} for level, each in case.sheet.terms.items()},
+    )
+    assume("cohort" not in case.sheet.score.source)
+    for ours, theirs in ((case.earned, larger.earned), (case.taken, larger.taken)):
+        assert {k for k, v in ours.items() if v} == {k for k, v in theirs.items() if v}
+        for key, amount in ours.items():
+            assert abs(by * amount - theirs[key]) <= Fraction(1, 10**25) * (1 + abs(theirs[key]))
+
+
+@given(cases())
+@LAWFUL
+def test_findings_that_are_alike_have_amounts_that_are_alike(case: Case) -> None:
+    alike: dict[tuple[object, ...], list[str]] = {}
+    for key, finding in case.findings.items():
+        made = (finding.check, finding.subject, finding.verdict, finding.critical, finding.span)
+        alike.setdefault((*made, tuple(finding.quantities.items())), []).append(key)
+    # What `charged` charges once, it charges to the first of two that cover the same time.
+    assume("charged" not in case.sheet.score.source)
+    for keys in alike.values():
+        assert len({case.taken.get(key, 0) for key in keys}) == 1
+        assert len({case.earned.get(key, 0) for key in keys}) == 1
+
+
+@given(cases(), st.sampled_from(("p", "v", "w")))
+@LAWFUL
+def test_a_violation_that_no_formula_asks_about_changes_nothing(case: Case, check: str) -> None:
+    assume(check not in case.sheet.scored)
+    changed = {key for key in (*case.taken, *case.earned) if key in case.findings}
+    assert not {key for key in changed if case.findings[key].check == check}
+
+
+_COSTS = st.floats(0.0, 3.0).map(lambda x: round(x, 3))
+
+
+@given(st.lists(_COSTS, min_size=2, max_size=5), st.floats(0.05, 0.95))
+@LAWFUL
+def test_what_is_told_in_two_pieces_costs_others_the_same(costs: list[float], cut: float) -> None:
+    share = round(costs[0] * round(cut, 3), 6)
+    whole = dict(found("x", V, i, cost=cost) for i, cost in enumerate(costs))
+    rest = round(costs[0] - share, 6)
+    both = dict([found("x", V, len(costs), cost=share), found("x", V, len(costs) + 1, cost=rest)])
+    pieces = {key: finding for key, finding in whole.items() if key != "x#0"} | both
+    measures = {"x": {"cost": Measure("1", "penalty")}}
+    formulas = ("100 / (1 + {})", "9 * 0.5 ** {}", "max(0, 8 - {}) * 3")
+    for formula in (each.format("measure(x, cost)") for each in formulas):
+        one, two = (Case(formula, f, measures=measures).taken for f in (whole, pieces))
+        for key in (*whole,)[1:]:
+            assert abs(one.get(key, 0) - two.get(key, 0)) <= Fraction(1, 10**12)
+
+
+_GRADED = st.sampled_from((_FACTORS[2], _FACTORS[4]))
+
+
+@given(st.integers(0, 3), st.integers(0, 3), st.integers(1, 2), _GRADED)
+@LAWFUL
+def test_closing_a_gate_leaves_what_was_near_as_expensive(
+    near: int, far: int, closed: int, factor: str
+) -> None:
+    def taken(verdict: Verdict) -> dict[str, Exact]:
+        made = [*times("v", near), *times("w", far), *times("g", closed, verdict)]
+        made += [found("v", S, 9), found("w", S, 9)]
+        return {k: v for k, v in Case(f"12 * {factor} * holds(g)", made).taken.items() if k[0] != "g"}
+
+    assert taken(V) == taken(S)

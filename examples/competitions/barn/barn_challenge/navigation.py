@@ -38,25 +38,30 @@ class Navigation:
         first one at which it is within `goal_m` of its goal, has collided, or was on its way for
         `limit_s`.
     Violated when:
-        It has collided, or the time is `limit_s` or more.
+        It has collided, or the time is `limit_s` or more. A stretch on the way without any position
+        for longer than `max_gap_s` is inconclusive.
     Source:
         `run.py` of the BARN Challenge, section 2.
     """
 
+    also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
     measures: ClassVar[Mapping[str, Measure]] = {
-        "actual_time_s": Measure("s", meaning="from the first move to the goal, the collision or the limit"),
+        "actual_time_s": Measure(
+            "s", best=0.0, meaning="from the first move to the goal, the collision or the limit"
+        ),
     }
 
-    start_m: float = parameter(0.1, unit="m", above=0, at_most=10, source=_SOURCE)
-    goal_m: float = parameter(1.0, unit="m", above=0, at_most=10, source=_SOURCE)
-    limit_s: float = parameter(100.0, unit="s", above=0, at_most=10_000, source=_SOURCE)
+    start_m: float = parameter(0.1, unit="m", above=0, at_most=10, status="verified", source=_SOURCE)
+    goal_m: float = parameter(1.0, unit="m", above=0, at_most=10, status="verified", source=_SOURCE)
+    limit_s: float = parameter(100.0, unit="s", above=0, at_most=10_000, status="verified", source=_SOURCE)
+    max_gap_s: float = parameter(1.0, unit="s", above=0, at_most=60, source="ten turns of run.py")
 
     def __post_init__(self) -> None:
         check_parameters(self)
 
     def needs(self) -> Iterator[SignalNeed]:
         """Where the robot is, about every 0.1 s."""
-        yield SignalNeed("position", "m", 1.0)
+        yield SignalNeed("position", "m", self.max_gap_s)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding about the robot."""
@@ -85,6 +90,11 @@ class Navigation:
                 ROBOT, "the trace ends on the way", span=Span(float(t[begin]), float(t[-1]))
             )
         end = begin + int(ends[0])
+        # From the turn before the first move: it began somewhere in between.
+        gap_s = float(np.diff(t[max(begin - 1, 0) : end + 1]).max(initial=0.0))
+        if gap_s > self.max_gap_s:
+            span = Span(float(t[max(begin - 1, 0)]), float(t[end]))
+            return Finding.inconclusive(ROBOT, f"no position for {gap_s:.3f} s on the way", span=span)
         # run.py counts the turns, so that a collision between two of them is seen at the later one.
         time_s = float(t[end] - t[begin])
         failed = "collided" if t[end] >= collided_s else "ran out of time" if time_s >= self.limit_s else ""
@@ -93,7 +103,7 @@ class Navigation:
             Verdict.VIOLATED if failed else Verdict.SATISFIED,
             f"{failed or 'reached the goal'} after {time_s:.4f} s, {left_m[end]:.3f} m from it",
             span=Span(float(t[begin]), float(t[end])),
-            quantities={"actual_time_s": time_s, "optimal_time_s": trial.facts["optimal_time_s"]},
+            quantities={"actual_time_s": time_s},
             evidence=(Sample(position.name, float(t[end]), tuple(map(float, position.values[end])), "m"),),
             clause=_SOURCE,
         )

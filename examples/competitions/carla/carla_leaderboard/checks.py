@@ -75,11 +75,8 @@ class Infractions:
         leaderboard.carla.org, Evaluation criteria: infraction penalty.
     """
 
-    kind: Kind = parameter("collisions_vehicle", source=_SOURCE)
+    kind: Kind = "collisions_vehicle"
     level: ClassVar[str] = "route"
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """A violation for each infraction, or that there was none."""
@@ -151,7 +148,7 @@ class SlowFactor:
         github.com/carla-simulator/leaderboard.
     """
 
-    at_standstill: float = parameter(0.7, unit="1", at_least=0, at_most=1, source=_SOURCE)
+    at_standstill: float = parameter(0.7, unit="1", at_least=0, at_most=1, status="verified", source=_SOURCE)
     level: ClassVar[str] = "route"
     measures: ClassVar[Mapping[str, Measure]] = {
         "slow_factor": Measure("1", "factor", meaning="what being slow leaves of the score"),

@@ -60,7 +60,7 @@ class ResultsReader:
             return LogDescription(_FORMAT, damage=str(error))
         counts = {kind: sum(len(route.infractions[kind]) for route in routes) for kind in KINDS}
         topics = tuple(TopicDescription(kind, "infraction", n) for kind, n in sorted(counts.items()) if n)
-        return LogDescription(_FORMAT, topics, facts={"routes": len(routes)})
+        return LogDescription(_FORMAT, topics, facts={"layout": "leaderboard", "routes": len(routes)})
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
         """The entry: its routes as work items, and the official scores."""
@@ -176,12 +176,14 @@ def _official(path: Path, checkpoint: object, records: list[Any]) -> OfficialRes
     """The scores as the leaderboard wrote them, of the entry and of each route."""
     entry = _get(path, checkpoint, "global_record", dict, "_checkpoint")
     mean = _get(path, entry, "scores_mean", dict, "_checkpoint.global_record")
-    items = {
-        name: repr(_number(path, mean, name, "_checkpoint.global_record.scores_mean")) for name in _SCORES
-    }
+    items = _scores(path, mean, "_checkpoint.global_record.scores_mean")
+    items["final_score"] = items.pop("score_composed")
     for i, record in enumerate(records):
-        scores, place = record["scores"], f"_checkpoint.records[{i}].scores"
-        items |= {
-            f"{record['route_id']}/{name}": repr(_number(path, scores, name, place)) for name in _SCORES
-        }
-    return OfficialResult(path.name, float(items["score_composed"]), None, items=items)
+        own = _scores(path, record["scores"], f"_checkpoint.records[{i}].scores")
+        items |= {f"{record['route_id']}/{name}": value for name, value in own.items()}
+    return OfficialResult(path.name, float(items["final_score"]), None, items=items)
+
+
+def _scores(path: Path, scores: object, place: str) -> dict[str, str]:
+    """Scores as printed: the leaderboard rounds them to six digits, and JSON drops zeros at the end."""
+    return {name: f"{_number(path, scores, name, place):.6f}" for name in _SCORES}

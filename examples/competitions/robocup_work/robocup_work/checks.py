@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ariac_score import (
     Event,
@@ -14,15 +14,14 @@ from ariac_score import (
     Trial,
     Verdict,
     WorkItem,
-    check_parameters,
-    parameter,
 )
-from robocup_work.run import FINISH, counting
+from robocup_work.run import FINISH, ROBOT, counting
 
 __all__ = ["Incidents", "Manipulation", "Mishap", "Reached"]
 
 _SOURCE = "rulebook 2024, chapter Scoring and Ranking"
 _NOBODY_SAW = "no referee's sheet says"
+_WORDS = {"lost": "loss", "incorrect": "incorrect manipulation"}
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,7 @@ class Manipulation:
         Rulebook 2024, Scoring: objects grasped, objects placed.
     """
 
-    action: Literal["grasped", "placed"] = parameter("grasped", source=_SOURCE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    action: Literal["grasped", "placed"] = "grasped"
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about each object of a task."""
@@ -50,7 +46,11 @@ class Manipulation:
     def _judge(self, trial: Trial, subject: str, thing: WorkItem) -> Finding:
         if self.action not in trial.witnessed:
             return Finding.inconclusive(subject, _NOBODY_SAW, clause=_SOURCE)
-        where = thing.facts["source" if self.action == "grasped" else "target"]
+        where = thing.facts.get("source" if self.action == "grasped" else "target")
+        if where is None:
+            return Finding.inconclusive(
+                subject, f"no task says where it is to be {self.action}", clause=_SOURCE
+            )
         seen = [event for event in counting(trial, self.action) if event.subject == thing.id]
         done = [event for event in seen if event.detail in ("", where)]  # nobody notes where it is grasped
         if done:
@@ -72,10 +72,7 @@ class Mishap:
         Rulebook 2024, Penalties: object loss, incorrect object manipulation, manipulation deduction.
     """
 
-    kind: Literal["lost", "incorrect", "deduction"] = parameter("lost", source=_SOURCE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    kind: Literal["lost", "incorrect", "deduction"] = "lost"
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """A violation for each time, about its object, or that there was none in the task."""
@@ -97,12 +94,10 @@ class Incidents:
         Rulebook 2024, Penalties and Collisions.
     """
 
+    also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
     kind: Literal["minor_collision", "major_collision", "tape_collision", "human_interaction", "cheating"] = (
-        parameter("minor_collision", source=_SOURCE)
+        "minor_collision"
     )
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     def needs(self) -> Iterable[SignalNeed]:
         """No signal: the referee is the sensor."""
@@ -110,7 +105,7 @@ class Incidents:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """A violation for each time, or that there was none."""
-        return _all(trial, self.kind, "robot", counting(trial, self.kind))
+        return _all(trial, self.kind, ROBOT, counting(trial, self.kind))
 
 
 @dataclass(frozen=True)
@@ -125,10 +120,8 @@ class Reached:
         Rulebook 2024, Scoring: service areas reached, finish reached.
     """
 
-    what: Literal["service_areas", "finish"] = parameter("service_areas", source=_SOURCE)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
+    also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
+    what: Literal["service_areas", "finish"] = "service_areas"
 
     def needs(self) -> Iterable[SignalNeed]:
         """No signal: the referee is the sensor."""
@@ -136,21 +129,29 @@ class Reached:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """One finding about each place."""
-        areas = {str(task.facts[key]) for task in trial.work for key in ("source", "target")}
-        for place in sorted(areas) if self.what == "service_areas" else [FINISH]:
+        places = self._places(trial)
+        if not places:
+            yield Finding.inconclusive(ROBOT, "no task names a service area", span=trial.window)
+        for place in places:
             if "reached" not in trial.witnessed:
-                yield Finding.inconclusive(place, _NOBODY_SAW, span=trial.window, clause=_SOURCE)
+                yield Finding.inconclusive(ROBOT, _NOBODY_SAW, span=trial.window, clause=_SOURCE)
                 continue
             seen = [event for event in counting(trial, "reached") if event.subject == place]
             if seen:
-                yield _at(place, Verdict.SATISFIED, "reached", seen[0])
+                yield _at(ROBOT, Verdict.SATISFIED, f"reached {place}", seen[0])
             else:
-                yield Finding.violated(place, "not reached", clause=_SOURCE)
+                yield Finding.violated(ROBOT, f"did not reach {place}", clause=_SOURCE)
+
+    def _places(self, trial: Trial) -> list[str]:
+        if self.what == "finish":
+            return [FINISH]
+        named = {task.facts.get(key) for task in trial.work for key in ("source", "target")}
+        return sorted(str(place) for place in named if place is not None)
 
 
 def _all(trial: Trial, kind: str, subject: str, events: Iterable[Event]) -> Iterator[Finding]:
     """A violation for each event, or that there was none, where the log would have shown it."""
-    words = kind.replace("_", " ")
+    words = _WORDS.get(kind, kind.replace("_", " "))
     if kind not in trial.witnessed:
         yield Finding.inconclusive(subject, _NOBODY_SAW, span=trial.window, clause=_SOURCE)
         return

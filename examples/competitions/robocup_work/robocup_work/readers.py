@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score import (
+    Body,
     Clock,
     Event,
     Item,
@@ -24,7 +25,7 @@ from ariac_score import (
     did_you_mean,
     load_yaml,
 )
-from robocup_work.run import KINDS, OF_OBJECTS, OF_PLACES
+from robocup_work.run import KINDS, OF_OBJECTS, OF_PLACES, ROBOT
 
 __all__ = ["RefereeReader", "TaskReader"]
 
@@ -168,6 +169,7 @@ class RefereeReader:
         return Trial(
             id=path.parent.name,
             events=tuple(sorted(set(events))),
+            bodies=(Body(ROBOT, "robot"),),
             witnessed=frozenset(KINDS),
             clocks=(Clock("referee's watch"),),
             recorded=Span(events[0].t_s, events[-1].t_s),

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from ariac_score import COMPETITION_ENDED, COMPETITION_STARTED, Event, Trial
 
-__all__ = ["FINISH", "KINDS", "OF_OBJECTS", "OF_PLACES", "counting"]
+__all__ = ["FINISH", "KINDS", "OF_OBJECTS", "OF_PLACES", "ROBOT", "counting"]
+
+ROBOT = "robot"
+"""The only body of a run."""
 
 FINISH = "finish"
 """The place where a run ends."""
