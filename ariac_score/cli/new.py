@@ -8,7 +8,7 @@ from typing import Any
 
 from ariac_score.errors import UsageError
 from ariac_score.testing.grow import grow
-from ariac_score.testing.kit import KINDS, new_files
+from ariac_score.testing.starter import KINDS, new_files
 
 
 def register(commands: Any) -> None:

@@ -134,7 +134,7 @@ def write_bundle(
         if not _TRIAL.fullmatch(trial):
             raise UsageError(
                 f"{trial!r} is no name of a trial",
-                hint="use letters, digits, '_', '.' and '-', such as kitting",
+                hint="use letters, digits, '_', '.' and '-', such as first_task",
             )
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
     reference = {PHASE: phase_text(bundle.title, setting, names).encode(), **rules_and_log_map(setting)}

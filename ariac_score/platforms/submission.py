@@ -57,7 +57,7 @@ LOG_MAP = "log_map.yaml"
 HASHES = "hashes.json"
 EMPTY = (
     "the submission arrived empty; a zip with metadata.yaml or metadata at its root is taken for a program: "
-    "put each recording in a folder of its own, such as kitting_1/metadata.yaml, or pack it with "
+    "put each recording in a folder of its own, such as first_task_1/metadata.yaml, or pack it with "
     "'ariac-score platform codabench pack'"
 )
 _RUN = re.compile(r"(?P<trial>.+)_(?P<run>\d{1,6})")

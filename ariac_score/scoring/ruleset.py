@@ -237,11 +237,6 @@ class RuleSet:
         named = self.competition
         return _built(named, self.file, partial(registry.find, named.group, named.use)) if named else None
 
-    @property
-    def edition(self) -> Any:
-        """The parameter of that name; until readers ask the competition itself."""
-        return self.competition.parameters.get("edition") if self.competition else None
-
     def with_parameters(self, values: Mapping[str, Any] = MappingProxyType({}), /, **more: Any) -> RuleSet:
         """The rule set with other numbers, for a sweep.
 

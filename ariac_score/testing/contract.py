@@ -324,7 +324,7 @@ class _Checked:
         }
         needs = needs_of(self.plugin, "contract", self.check)
         tried = 1
-        for trial in forced_trials(self.check, needs) if isinstance(self.check, Monitor) else ():
+        for trial in forced_trials(self.check, needs, self._trial) if isinstance(self.check, Monitor) else ():
             if len(seen) == len(_DECIDED):
                 break
             tried += 1

@@ -27,6 +27,7 @@ __all__ = ["MOST_TRIALS", "forced_trials"]
 MOST_TRIALS = 64
 """How many trials are made before a monitor is taken for one that never decides so."""
 
+_LONGEST_S = 120.0
 _FINEST_S, _COARSEST_S = 0.005, 0.1
 _COMBINED = 4
 """So many quantities are low and high in every combination; more of them only all alike."""
@@ -52,18 +53,20 @@ def _noisy(t: FloatArray, low: float, high: float, k: int) -> FloatArray:
     return np.random.default_rng(k).uniform(low, high, len(t))
 
 
-def forced_trials(check: Any, needs: Sequence[SignalNeed]) -> Iterator[Trial]:
+def forced_trials(check: Any, needs: Sequence[SignalNeed], given: Trial) -> Iterator[Trial]:
     """The trials, the plainest first; at most `MOST_TRIALS`.
 
     Args:
         check: Whose parameters say which numbers are interesting, and which events.
         needs: Its signals; those that no vocabulary knows are made for every body, link and pair.
+        given: Whose bodies, events and work they have, unless it has no bodies or is very long.
     """
-    return islice(_forced(check, needs), MOST_TRIALS)
+    return islice(_forced(check, needs, given), MOST_TRIALS)
 
 
-def _forced(check: Any, needs: Sequence[SignalNeed]) -> Iterator[Trial]:
-    base = _with_events(made_trial(), check)
+def _forced(check: Any, needs: Sequence[SignalNeed], given: Trial) -> Iterator[Trial]:
+    whole = given.bodies and given.recorded and given.recorded.duration_s <= _LONGEST_S
+    base = _with_events(given if whole else made_trial(), check)
     yield base
     numbers = _parameters(check)
     units = dict.fromkeys(need.unit for need in needs)

@@ -15,7 +15,7 @@ from ariac_score.checks.registry import Registry, is_local
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml
 from ariac_score.errors import UsageError
 from ariac_score.scoring.ruleset import load_rule_set
-from ariac_score.testing.kit import check_name, our_version, written
+from ariac_score.testing.starter import check_name, our_version, written
 
 __all__ = ["grow"]
 

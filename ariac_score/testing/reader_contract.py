@@ -232,8 +232,8 @@ class _CheckedReader:
 
 
 def _plain(trial: Trial) -> list[Any]:
-    """The values of a trial; records of kits are left out, for they have methods and no values."""
-    values = {name: value for name, value in vars(trial).items() if name != "kits"}
+    """The values of a trial; records of a competition are left out, for they have methods and no values."""
+    values = {name: value for name, value in vars(trial).items() if name != "records"}
     return [sorted(value) if isinstance(value, frozenset) else value for value in values.values()]
 
 

@@ -312,15 +312,17 @@ class Trial:
         # Sorted: findings must not depend on the order in which a log lists bodies.
         return tuple(sorted((b for b in self.bodies if b.kind == kind), key=lambda b: b.id))
 
-    def pairs(self) -> Iterator[tuple[Body, Body]]:
-        """Every (robot, human) pair, in order of their ids."""
-        for robot in self.bodies_of("robot"):
-            for human in self.bodies_of("human"):
-                yield robot, human
+    def pairs(self, first: str = "robot", second: str = "human") -> Iterator[tuple[Body, Body]]:
+        """Every pair of bodies of two kinds, in order of their ids; each two bodies of one kind once."""
+        for one in self.bodies_of(first):
+            for other in self.bodies_of(second):
+                if first != second or one.id < other.id:
+                    yield one, other
 
     def body_pairs(self) -> Iterator[tuple[Body, Body]]:
-        """Every two bodies of which one at least is a machine: robots first, then AGVs, then humans."""
-        machines = [*self.bodies_of("robot"), *self.bodies_of("agv")]
+        """Every two bodies of which one at least is no human: robots first, then other kinds, then humans."""
+        kinds = sorted({body.kind for body in self.bodies} - {"robot", "human"})
+        machines = [body for kind in ("robot", *kinds) for body in self.bodies_of(kind)]
         everybody = [*machines, *self.bodies_of("human")]
         for index, machine in enumerate(machines):
             for other in everybody[index + 1 :]:

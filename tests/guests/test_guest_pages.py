@@ -44,6 +44,12 @@ def test_a_page_shows_the_amounts_derived_by_hand(
         assert amount in text
 
 
+def test_a_page_calls_the_work_what_the_competition_calls_it(guests: Path, tmp_path: Path) -> None:
+    page = page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path)
+
+    assert '<h2 id="orders-h">Routes</h2>' in page
+
+
 def test_a_panel_of_a_guest_shows_what_the_leaderboard_wrote(guests: Path, tmp_path: Path) -> None:
     text = seen(page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path))
 

@@ -114,7 +114,7 @@ def test_one_that_never_finds_anything_is_kept_and_said_so() -> None:
 
 
 def test_the_trials_have_an_end_and_what_is_needed_at_the_rate_that_is_needed() -> None:
-    trials = list(forced_trials(Battery(), [*Battery().needs()]))
+    trials = list(forced_trials(Battery(), [*Battery().needs()], made_trial()))
 
     assert 5 < len(trials) <= MOST_TRIALS
     for trial in trials[1:]:
@@ -125,7 +125,7 @@ def test_the_trials_have_an_end_and_what_is_needed_at_the_rate_that_is_needed() 
 
 
 def test_they_are_the_same_every_time() -> None:
-    first, again = (list(forced_trials(Battery(), [*Battery().needs()])) for _ in range(2))
+    first, again = (list(forced_trials(Battery(), [*Battery().needs()], made_trial())) for _ in range(2))
 
     for one, other in zip(first, again, strict=True):
         assert [*one.signals] == [*other.signals]

@@ -96,3 +96,12 @@ def test_a_rule_is_asked_about_each_item_of_the_level_it_names() -> None:
     assert [f.subject for f in found] == ["run_1/hole_1", "run_1/hole_2"]
     (idle,) = ask(plugin, "bolted", Bolted(), Trial("t", work=(Item("alone", "task"),)))
     assert idle.verdict is Verdict.NOT_APPLICABLE
+
+
+def test_pairs_of_any_declared_kinds_are_given_once_each() -> None:
+    bodies = (Body("v2", "vehicle"), Body("v1", "vehicle"), Body("p", "pedestrian"), Body("h", "human"))
+    trial = Trial("t", bodies=bodies)
+    assert [(a.id, b.id) for a, b in trial.pairs("vehicle", "pedestrian")] == [("v1", "p"), ("v2", "p")]
+    assert [(a.id, b.id) for a, b in trial.pairs("vehicle", "vehicle")] == [("v1", "v2")]
+    assert not list(trial.pairs())
+    assert ("v1", "h") in [(a.id, b.id) for a, b in trial.body_pairs()]

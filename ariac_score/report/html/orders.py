@@ -12,7 +12,7 @@ from ariac_score.results.sketch import HandedIn
 from ariac_score.scoring.ledger import Ledger
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["OrderShown", "PartShown", "TaskShown", "grouped", "orders_of"]
+__all__ = ["OrderShown", "PartShown", "TaskShown", "grouped", "orders_of", "work_heading"]
 
 NamedFinding = tuple[str, Finding]
 
@@ -48,6 +48,15 @@ class OrderShown:
     points: Decimal | None
     tasks: tuple[TaskShown, ...]
     found: tuple[NamedFinding, ...]
+
+
+def work_heading(result: Result) -> str:
+    """What the competition calls its outermost items of work, as a heading."""
+    sketch = result.measured.sketch
+    outermost = next((item.level for item in sketch.asked), "") if sketch else ""
+    words = {named.level: named.many for named in sketch.levels} if sketch else {}
+    many = words.get(outermost, "orders")
+    return many[:1].upper() + many[1:]
 
 
 def orders_of(result: Result) -> tuple[OrderShown, ...]:

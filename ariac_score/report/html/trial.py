@@ -11,7 +11,7 @@ from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.charts import Chart, chart_of
-from ariac_score.report.html.orders import grouped, orders_of
+from ariac_score.report.html.orders import grouped, orders_of, work_heading
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
@@ -72,6 +72,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         plan=plan_of(sketch, findings) if sketch else None,
         sketch=sketch,
         orders=orders_of(result),
+        work_heading=work_heading(result),
         panels=panels_of(result),
         groups=_groups(result, monitors),
         idle=_idle(result, monitors),

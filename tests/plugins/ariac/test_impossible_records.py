@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from ariac_score import Trial, Verdict
-from ariac_score.testing import made_trial
 from ariac_score_ariac.tasks import OfficialOrderScore, OfficialTrialScore, RunOrder, RunRecord
+from ariac_score_ariac.testing import made_trial
 
 MADE = made_trial()
 

@@ -14,7 +14,7 @@ from ariac_score.cli import main
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.testing.grow import grow
-from ariac_score.testing.kit import KINDS, new_files
+from ariac_score.testing.starter import KINDS, new_files
 from ariac_score_ariac.testing import kitting_trial
 
 ONE_FILE = ("monitor", "rule")
