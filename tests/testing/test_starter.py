@@ -63,7 +63,7 @@ def test_a_new_reader_installs_and_passes_its_own_tests_at_once(environment: Any
 
     assert " passed" in done.stdout
     doctor = environment.run("ariac-score plugins doctor", tmp_path)
-    assert "made_reader" not in doctor.stdout
+    assert "made_reader.trial (made-reader-trial" not in doctor.stdout
 
 
 @pytest.mark.parametrize("kind", KINDS)
