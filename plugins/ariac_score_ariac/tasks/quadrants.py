@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Pose, Trial, parameter
+from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
 from ariac_score_ariac.parts import FAULTY_ENDING, part_of
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
@@ -179,6 +179,10 @@ class QuadrantPart:
         manager keeps one fault flag for each quadrant, not for each part. As
         documented: the axis alone, and `challenge_marks: part`.
     """
+
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "tilt_rad": Measure("rad", meaning="between the part's axis and the vertical")
+    }
 
     compare: Literal["type", "color", "upright", "sound"] = "type"
     flip_vector: Literal["axis", "axis_and_position"] = "axis"
