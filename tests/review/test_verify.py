@@ -238,7 +238,8 @@ def test_another_hash_or_size_of_the_log_is_found_with_the_log(stored: Path, tmp
 
 
 def test_another_log_is_not_its_log(stored: Path, tmp_path: Path) -> None:
-    from ariac_score.testing import SNAPSHOT_SIGNALS, kitting_trial, write_trial_log  # noqa: PLC0415
+    from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log  # noqa: PLC0415
+    from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
 
     other = write_trial_log(tmp_path / "kitting_near_miss.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
     found = verify_result(stored, log=other)
