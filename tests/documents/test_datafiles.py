@@ -404,8 +404,8 @@ CLOSED_BY_CODE = {
     "ruleset": ["$.properties.printed"],
     "trial_log": ["$.$defs.brought_record"],
 }
-"""Further keys are roles that installed readers state, levels that the rule set declares, and what the schema of
-a competition's own record says; any other is refused when it is read."""
+"""Further keys are roles that installed readers state, levels that the rule set declares, and what the schema
+of a competition's own record says; any other is refused when it is read."""
 
 
 @pytest.mark.parametrize("name", SCHEMAS)
