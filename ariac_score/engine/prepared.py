@@ -105,7 +105,7 @@ class Prepared:
     @property
     def derivations(self) -> tuple[Derivation, ...]:
         """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
-        return tuple(Derivation(need.quantity, need.max_gap_s) for need in self.needs)
+        return tuple(Derivation(need.quantity, need.max_gap_s, need.pair) for need in self.needs)
 
     @cached_property
     def _data_plugins(self) -> tuple[Plugin, ...]:

@@ -8,6 +8,7 @@ from itertools import combinations, product
 
 from ariac_score.checks.findings import Finding
 from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.vocabulary import subject_of
 
 __all__ = ["WHOLE_TRIAL", "Subject", "Subjects", "bodies", "nobody", "pairs"]
 
@@ -72,6 +73,19 @@ class Subjects:
     def of_one_kind(self) -> bool:
         """Whether they are pairs of bodies of the same kind, each two once."""
         return len(self.kinds) == 2 and self.kinds[0] == self.kinds[1]
+
+    def pair(self, template: str) -> str:
+        """Of whom the signal of a template is, by kinds, where it is of a pair; else empty.
+
+        >>> pairs("vehicle", "pedestrian").pair("separation/{vehicle}/{pedestrian}")
+        '{vehicle}/{pedestrian}'
+        >>> pairs("drone", "drone").pair("separation/{drone}/{other}"), bodies("drone").pair("speed/{drone}")
+        ('{drone}/{drone}', '')
+        """
+        subject = subject_of(template)
+        if "/" not in subject:
+            return ""
+        return subject.replace(f"{{{OTHER}}}", f"{{{self.kinds[0]}}}") if self.of_one_kind else subject
 
     def of(self, known: Iterable[Body]) -> list[Subject]:
         """The subjects among some bodies, in order of their ids.

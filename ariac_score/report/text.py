@@ -307,7 +307,7 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     Args:
         result: The result.
         path: A ledger path or a part of one (`order_0`), a check, a finding id
-            (`separation#1`), or empty for the whole ledger.
+            (`separation#1`), a subject, a term of the rule set (`demerits`), or empty for the whole ledger.
         style: Colours or none.
 
     Returns:
@@ -317,29 +317,53 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     lines: list[str] = []
     adjusted = result.adjusted.ledger if result.adjusted else None
     if adjusted is not None:
-        for line in _matching(adjusted, path) if path else [adjusted]:
+        for line in _matching(adjusted, path):
             lines += [*_explained(line, _Explained(result), style, 0), ""]
-    if result.ledger is not None:
-        matching = [result.ledger] if not path else _matching(result.ledger, path)
-        shown = [key for line in matching for key in taken_by(line)]
-        explained = _Explained(result, without_alone(result, shown))
-        for line in matching:
-            lines += [style(plain(line.path), "bold"), *_explained(line, explained, style, 1), ""]
-        if matching and not path:
-            return "\n".join(lines)
+    matching = _matching(result.ledger, path) if result.ledger is not None else []
+    taken = [key for line in matching for key in taken_by(line)]
+    explained = _Explained(result, without_alone(result, taken))
+    for line in matching:
+        lines += [style(plain(line.path), "bold"), *_explained(line, explained, style, 1), ""]
+    if not path:
+        return "\n".join(lines)
+    term, used = ([], set()) if matching else _term(result, path, style)
+    shown = {
+        key for line in matching for inner in line.walk() if not inner.children for key in inner.findings
+    }
+    prices = _prices(result)
     for key, finding in result.measured.findings.items():
-        if path and path in (key, finding.check, finding.subject):
-            lines += [*_finding_lines(key, finding, style, 0), ""]
-    return "\n".join(lines)
+        named = path in (key, finding.check, finding.subject) or finding.check in used
+        if named and key not in shown:
+            term += [*_finding_lines(key, finding, style, 0, prices[key]), ""]
+    return "\n".join(lines + term)
+
+
+def _prices(result: Result) -> dict[str, str]:
+    """What each finding took or earned, or why it changed nothing."""
+    earned: dict[str, Decimal] = {}
+    for line in result.ledger.walk() if result.ledger else ():
+        if line.kind == "amount" and len(line.findings) == 1 and not line.children:
+            earned[line.findings[0]] = earned.get(line.findings[0], Decimal(0)) + line.amount
+    priced = {name for name, check in result.checks.items() if check["priced"]}
+    prices = {
+        key: "" if finding.check in priced else " (not priced)"
+        for key, finding in result.measured.findings.items()
+    }
+    prices |= {key: f" ({amount_text(amount, sign=True)})" for key, amount in earned.items() if amount}
+    return prices | _costs(result)
 
 
 def _matching(ledger: Line, path: str) -> list[Line]:
-    """The topmost lines whose path is, ends with, or contains the wanted segments."""
+    """The topmost lines whose path is, ends with or contains the wanted segments, or that rest on a check."""
+    if not path:
+        return [ledger]
     wanted = f"/{path.strip('/')}/"
     paths = [(f"/{line.path}/", line) for line in ledger.walk()]
+    of_check = [line for _, line in paths if _rests_on(line, wanted.strip("/"))]
     # From the exact path to the loosest reading; the first that finds anything is meant.
     for found in (
         [line for path, line in paths if path == wanted],
+        of_check,
         [line for path, line in paths if path.endswith(wanted)],
         [line for path, line in paths if wanted in path],
         [line for _, line in paths if wanted.strip("/") in re.findall(r"\w+", line.label)],
@@ -347,6 +371,30 @@ def _matching(ledger: Line, path: str) -> list[Line]:
         if found:
             return [line for line in found if not any(_below(line, other) for other in found)]
     return []
+
+
+def _rests_on(line: Line, check: str) -> bool:
+    """Whether all that a line rests on are findings of this check."""
+    found = [key for inner in line.walk() for key in inner.findings]
+    return bool(found) and all(key.rpartition("#")[0] == check for key in found)
+
+
+def _term(result: Result, name: str, style: Style) -> tuple[list[str], set[str]]:
+    """A term of the score that has no line of its own: how its value came about, and the checks it uses."""
+    for line in result.ledger.walk() if result.ledger else ():
+        found = next((t for t in _all_traced(line.trace) if t.label == name), None)
+        if found is not None:
+            labels = " ".join(traced.label for traced in _all_traced(found))
+            used = set(re.findall(r"\w+", labels)) & set(result.checks)
+            return [style(f"{plain(line.path)}: {plain(name)}", "bold"), *_traced(found, style, 1), ""], used
+    return [], set()
+
+
+def _all_traced(traced: Traced | None) -> Iterator[Traced]:
+    if traced is not None:
+        yield traced
+        for child in traced.children:
+            yield from _all_traced(child)
 
 
 def _below(line: Line, other: Line) -> bool:
@@ -387,10 +435,10 @@ def _traced(traced: Traced, style: Style, depth: int) -> Iterator[str]:
             yield from _traced(child, style, depth + 1)
 
 
-def _finding_lines(key: str, finding: Finding, style: Style, depth: int) -> Iterator[str]:
+def _finding_lines(key: str, finding: Finding, style: Style, depth: int, cost: str = "") -> Iterator[str]:
     space = "  " * depth
     mark, look = _MARKS[finding.verdict]
-    yield f"{space}{key} {style(mark, look)} {_where(finding)}{plain(finding.message)}"
+    yield f"{space}{key} {style(mark, look)} {_where(finding)}{plain(finding.message)}{cost}"
     if finding.robustness is not None:
         yield f"{space}  margin {finding.robustness:.9g} {finding.unit}"
     for name, value in finding.quantities.items():

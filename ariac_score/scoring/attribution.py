@@ -290,10 +290,9 @@ class Product(Node):
 
     def against(self) -> Exact:
         """What comparing with other teams brought, while something is earned."""
-        shares = self._shared(0)
-        return sum(
-            (shares[n] * (self.factor(n, 1) - self.factor(n, 0)) for n in self.measured_against), start=0
-        )
+        shares = self._shared(0)  # without those that are 1, as of a team that is like the mean
+        changes = {n: self.factor(n, 1) - self.factor(n, 0) for n in self.measured_against}
+        return sum((shares[n] * change for n, change in changes.items() if change), start=0)
 
     def _per_unit(self, node: Node, step: int) -> Exact:
         """By how much the factor changes for each unit that the node changes."""

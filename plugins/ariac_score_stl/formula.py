@@ -157,8 +157,8 @@ class StlFormula:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of its signals."""
-        for quantity, unit in sorted({(s.quantity, s.unit) for s in self.sources.values()}):
-            yield SignalNeed(quantity, unit, self.max_gap_s)
+        for quantity, unit, pair in sorted({(s.quantity, s.unit, s.pair) for s in self.sources.values()}):
+            yield SignalNeed(quantity, unit, self.max_gap_s, pair=pair)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for everyone whom the formula is about."""

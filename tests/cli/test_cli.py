@@ -153,7 +153,7 @@ def test_explain_leads_from_the_score_to_the_samples(
 
     out = capsys.readouterr().out
     assert out.splitlines()[0] == "score"
-    assert "divided by 1 + demerits" in out
+    assert "gate(human_contact) * task / (1 + demerits) = 19.7616774" in out
     assert "at 20.000 s: centre_distance/robot/human = 4.50249528 m" in out
     assert "at 20.000 s: required_distance/robot/human = 5.45849528 m" in out
 
@@ -161,8 +161,8 @@ def test_explain_leads_from_the_score_to_the_samples(
 @pytest.mark.parametrize(
     ("path", "expected"),
     [
-        ("order_1", "score/task/order_1"),
-        ("score/task/order_0/completion", "score/task/order_0/completion"),
+        ("order_1", "score/earned/order_1"),
+        ("score/earned/order_0", "score/earned/order_0"),
         ("separation", "time_in_violation_s = 2.4"),
         ("separation#1", "robot_moving: yes"),
         ("part_pose#5", "distance 0.031 m (at most 0.03)"),
@@ -174,6 +174,39 @@ def test_explain_finds_lines_checks_findings_and_subjects(
 ) -> None:
     assert main(["explain", str(stored), path]) == 0
     assert expected in capsys.readouterr().out
+
+
+def test_explain_of_a_check_prices_each_of_its_findings(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # 28 points before the only violation; 28 / (1 + 0.416884) after it.
+    assert main(["explain", str(stored), "separation"]) == 0
+    breach = capsys.readouterr().out
+    assert "separation#1 too close for 2.40 s" in breach
+    assert "without it alone: 28 (+8.238323)" in breach
+
+    # Four colours of five, in the points and again in the bonus; order_1 counts three times.
+    assert main(["explain", str(stored), "part_color"]) == 0
+    parts = [line.split("·")[-1].strip() for line in capsys.readouterr().out.splitlines() if "part_" in line]
+    amounts = [part for part in parts if part[0].isdigit()]
+    nothing = "0  (it earned nothing)"
+    assert amounts == ["2", "1", nothing, "1", "1", nothing, "1", "6", "3", "3", "3", "3"]
+
+    assert main(["explain", str(stored), "order_time"]) == 0
+    assert "(not priced)" in capsys.readouterr().out
+
+
+def test_explain_of_a_term_shows_its_value_and_the_price_of_what_it_rests_on(
+    stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explain", str(stored), "demerits"]) == 0
+
+    out = capsys.readouterr().out
+    # 0.4 (1 + 0.211047 / tau of 5 s), derived in tests/test_same_bytes.py.
+    assert "demerits = 0.416883774" in out
+    assert "separation#1 violated" in out
+    assert "(-8.546224)" in out
+    assert "part_color" not in out
 
 
 def test_explain_refuses_a_name_that_is_not_there(stored: Path, capsys: pytest.CaptureFixture[str]) -> None:

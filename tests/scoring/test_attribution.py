@@ -39,6 +39,7 @@ from ariac_score.scoring.attribution import (
 )
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.ledger import reconcile
 from ariac_score.scoring.worlds import EARNED, TAKEN
 
 from .attributed import Case, N, S, U, V, amounts, found, order, times, told
@@ -502,6 +503,86 @@ def test_what_compares_with_other_teams_is_a_line_of_its_own() -> None:
     assert case.score == pytest.approx(3.6)
     assert (line.amount, line.findings) == (Decimal("0.6"), ("own#0",))
     assert [float(case.earned[f"x#{i}"]) for i in range(3)] == [1, 1, 1]
+
+
+PLACES = {
+    "alone": "{x}",
+    "summand": "points(x) + {x} - count(bump)",
+    "subtrahend": "points(x) - {x}",
+    "factor": "points(x) * {x}",
+    "factor of what is left": "(points(x) - count(bump)) * {x} / (1 + count(bump))",
+    "factor of a named term": "sum(order.work) * {x}",
+    "dividend": "{x} / (1 + count(bump)) * points(x)",
+    "divisor": "points(x) / (2 + {x})",
+    "in a power": "points(x) * (1 + {x}) ** 2",
+    "the exponent": "points(x) * 0.9 ** {x}",
+    "the base": "(3 + {x}) ** count(bump)",
+    "in min": "min({x}, points(x))",
+    "in max": "max({x}, points(x) - count(bump))",
+    "clipped": "points(x) * clip({x}, 0.5, 1)",
+    "the bound of a clip": "clip(points(x) - count(bump), 0, {x})",
+    "condition": "points(x) if {x} > 0.75 else count(bump)",
+    "branch": "{x} if holds(bump) else points(x) * {x}",
+    "in and": "points(x) * ({x} > 0.5 and holds(bump))",
+    "negated": "points(x) * (not {x})",
+    "opposite": "points(x) * -{x}",
+    "in abs": "points(x) + abs({x} - 1)",
+    "of itself": "points(x) * {x} * {x} / (3 + {x})",
+    "behind a gate": "points(x) * gate(bump) * {x}",
+}
+ACROSS = {
+    "cohort, alone": "cohort.mean",
+    "cohort, against a number of the trial": "(cohort.mean / measure(own, q))",
+    "cohort, against a term": "factor",
+    "runs": "runs.bumps",
+}
+
+
+@pytest.mark.parametrize("across", ACROSS)
+@pytest.mark.parametrize("place", PLACES)
+def test_what_other_trials_say_may_stand_anywhere_in_a_formula(place: str, across: str) -> None:
+    formula = PLACES[place].replace("{x}", ACROSS[across])
+    for mean in (-4.0, 0.0, 2.0, 4.0, 4.5, 8.0):  # 4: like the mean, 8: twice the own
+        case = Case(
+            formula,
+            [*times("x", 3, S), *times("bump", 2), found("own", S, q=4.0), found("done", S, 0, "o0")],
+            scopes=order(1),
+            measures={"own": best()},
+            cohort=CohortValues("", {"mean": {"": mean}, "runs.bumps": {"": 2.0 + abs(mean)}}),
+            cohort_terms={"mean": CohortTerm("mean", "trial", Expression.parse("1"))},
+            trial={"bumps": "count(bump)", "factor": "0.5 * (cohort.mean / measure(own, q) - 1) + 1"},
+            order={"work": "points(done)"},
+        )
+
+        ledger = case.ledger
+        assert float(ledger.amount) == pytest.approx(case.score, abs=1e-6)
+        reconcile(ledger, ledger.amount, digits=6)
+        moved = sum(abs(line.amount) for line in ledger.walk() if line.kind == "rounding")
+        assert moved <= Decimal("0.00001")
+
+
+@pytest.mark.parametrize(
+    ("formula", "against"),
+    [
+        ("points(x) * {}", "cohort.mean / measure(own, q)"),
+        ("points(x) * {}", "(1 + 0.25 * (cohort.mean / measure(own, q) - 1))"),
+        ("sum(order.work) * {} / (1 + count(bump))", "cohort.mean / measure(own, q)"),
+    ],
+)
+def test_a_trial_that_is_like_the_mean_earns_as_if_nobody_had_compared(formula: str, against: str) -> None:
+    def ledger(score: str) -> dict[str, str]:
+        case = Case(
+            score,
+            [*times("x", 3, S), *times("bump", 1), found("own", S, q=60.0), found("done", S, 0, "o0")],
+            scopes=order(1),
+            measures={"own": best()},
+            cohort=CohortValues("", {"mean": {"": 60.0}}),
+            cohort_terms={"mean": CohortTerm("mean", "trial", Expression.parse("1"))},
+            order={"work": "points(done)"},
+        )
+        return {path: by for path, by in told(case.ledger).items() if by != "0"}
+
+    assert ledger(formula.format(against)) == ledger(formula.format("1"))
 
 
 def test_a_measured_number_is_what_its_check_declares_and_not_what_it_is_called() -> None:
