@@ -52,7 +52,9 @@ def test_the_recording_scores_what_the_rule_gives_by_hand(
 ) -> None:
     result = score_of(guests / guest / "recording" / recording, rules)
 
-    assert result.score == Decimal(expected(guests, guest, recording, rules)["score"])
+    by_hand = expected(guests, guest, recording, rules)
+    assert result.score == Decimal(by_hand["score"])
+    assert result.possible == Decimal(by_hand["possible"])
     assert result.status == "scored"
 
 
