@@ -227,6 +227,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
+        as_consumed=data.get("as_consumed", False),
     )
 
 
