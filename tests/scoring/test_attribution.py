@@ -271,7 +271,6 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
         -10,
         "hidden by min(80, 30 * points(place) + 15 * points(precise) - 10 * count(bump))",
     )
-    # In one block from nothing to 95 all would be scaled alike; 80/95 of 30 each (A3).
     earned = CASES["A3b"][0].earned
     assert [float(earned[f"place#{i}"]) for i in range(3)] == pytest.approx([30 * 80 / 105] * 3)
 
@@ -321,6 +320,26 @@ def test_a_price_beside_an_amount_is_one_that_the_rule_has(
     assert case.ledger.nominal is None  # both columns add up to the score
     assert prices == {None if price is None else Decimal(str(price))}
     assert bound is None or bounds == ([Decimal(str(bound))] if bound else [])
+
+
+def test_a_clip_lets_through_the_seconds_within_its_bounds() -> None:
+    # A10: from the best 10 s to 60 s, of which those up to 40 s count: 30 of 50.
+    case = Case("clip(measure(time, q), 10, 40)", measured(time=60.0), measures={"time": best(10.0)})
+
+    (leaf,) = flow(case.tree, TAKEN).leaves()
+    assert leaf[1] == Fraction(30, 50)
+    assert case.taken == {"time#0": 30}
+
+
+def test_in_one_block_a_cap_scales_all_alike() -> None:
+    # A3: all five at once, from 0 to 95 under a cap of 80.
+    summands = {"place#0": 30, "place#1": 30, "place#2": 30, "precise#0": 15, "bump#0": -10}
+    leaves = [Leaf(key, [0, by], [Changed(key, (by,))]) for key, by in summands.items()]
+    raw = Sum("raw", [(1, leaf) for leaf in leaves], [0, 95])
+    capped = Extreme("capped", [raw, Given("80", 80, 2)], [0, 80], 1)
+
+    amounts = {leaf.label: slope * leaf.change(0) for leaf, slope in flow(capped, 0).leaves()}
+    assert amounts == {key: Fraction(80 * by, 95) for key, by in summands.items()}
 
 
 def test_an_episode_told_in_two_pieces_leaves_what_others_pay() -> None:
