@@ -102,7 +102,7 @@ REFUSED: dict[str, tuple[Callable[[Records], Any], str]] = {
     ),
     "two slots of one name": (
         lambda r: [p.update(slot="part_0") for p in _first("order", r)["tasks"][0]["products"]],
-        "two slots named 'part_0'",
+        "holds two items named 'part_0'",
     ),
     "an order announced again with less in it": (
         lambda r: r.insert(-1, {**_first("order", r), "t_s": 30.0, "tasks": []}),

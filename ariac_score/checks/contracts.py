@@ -68,12 +68,15 @@ class SignalNeed:
         unit: The unit it is read in.
         max_gap_s: Longest stretch between two samples the monitor accepts, s.
         optional: Whether it only helps: a log without it is judged all the same.
+        pair: Of a quantity of pairs whose it is: kinds in braces or ids of bodies, such as
+            `{vehicle}/{pedestrian}`. Empty: of every robot and human, some quantities of every two bodies.
     """
 
     quantity: str
     unit: str
     max_gap_s: float = 0.05
     optional: bool = False
+    pair: str = ""
 
 
 @runtime_checkable

@@ -114,6 +114,8 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     if window:
         lines.append(f"  competition from {window.start_s:.3f} s to {window.end_s:.3f} s")
     lines.append(f"  signals: {', '.join(map(plain, trial.signals)) or 'none'}")
+    if trial.as_consumed:
+        lines.append(f"  as consumed: {', '.join(map(plain, trial.as_consumed))}")
     lines.append(f"  would record if they happened: {', '.join(sorted(trial.witnessed)) or 'nothing'}")
     lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
     slow = [defect for defect in trial.log_defects if defect.kind == "decoded_one_by_one"]

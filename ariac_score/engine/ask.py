@@ -43,7 +43,7 @@ def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
         trial: Whose samples count.
         budget_s: Allowed for a million samples.
     """
-    samples = sum(len(signal) for signal in trial.signals.values())
+    samples = sum(map(len, trial.sampled))
     return budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
 
 
@@ -151,7 +151,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     """What the findings of a check are held against."""
     needs = needs_of(plugin, name, check)
     needed = {need.quantity for need in needs}
-    signals = {signal: recorded.unit for signal, recorded in trial.signals.items()}
+    signals = {recorded.name: recorded.unit for recorded in trial.sampled}
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
         measures = getattr(check, "measures", {})
@@ -194,8 +194,8 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
-    same = (trial.signals, trial.facts, trial.team, trial.official, trial.records)
-    arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
+    same = (trial.signals, trial.as_consumed, trial.facts, trial.team, trial.official, trial.records)
+    arrays = [(s.name, id(s), s.identity, s.unit) for s in trial.sampled]
     try:
         small_mark = hash(small)
     except TypeError:  # a reader put a list where a tuple belongs

@@ -106,7 +106,7 @@ class Prepared:
     @property
     def derivations(self) -> tuple[Derivation, ...]:
         """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
-        return tuple(Derivation(need.quantity, need.max_gap_s) for need in self.needs)
+        return tuple(Derivation(need.quantity, need.max_gap_s, need.pair) for need in self.needs)
 
     @property
     def words(self) -> Words:

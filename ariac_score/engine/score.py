@@ -84,7 +84,7 @@ def open_trial(
         quantities=[*QUANTITIES, *mapping.quantities, *needed],
         work=False,
     )
-    if prepared is None and not instead and not trial.signals:
+    if prepared is None and not instead and not trial.sampled:
         _refuse_topics(bundle, readers)
     return prepared.derived(trial) if prepared else trial
 

@@ -86,7 +86,7 @@ def with_derived(trial: Trial, needs: Sequence[SignalNeed], registry: Registry) 
         PluginError: See `derivers_of`.
     """
     derivers = derivers_of([need.quantity for need in needs], registry)
-    wanted = [Derivation(need.quantity, need.max_gap_s) for need in needs]
+    wanted = [Derivation(need.quantity, need.max_gap_s, need.pair) for need in needs]
     return derive_signals(trial, wanted, brought={name: one.signal for name, one in derivers.items()})
 
 

@@ -103,8 +103,8 @@ class Entity:
     def key(self) -> str:
         """Unique name within a log: `model|` for a model and `model|link` for a link.
 
-        >>> Entity("agv1", "kit_tray_1", "kit_tray_1::tray").key
-        'kit_tray_1|kit_tray_1::tray'
+        >>> Entity("cart1", "box_1", "box_1::lid").key
+        'box_1|box_1::lid'
         """
         return f"{self.model}|{self.link}"
 
@@ -112,8 +112,8 @@ class Entity:
     def scoped(self) -> str:
         """Its name as Gazebo scopes it, with the models it is nested in.
 
-        >>> Entity("agv1", "kit_tray_1", "kit_tray_1::tray").scoped
-        'agv1::kit_tray_1::kit_tray_1::tray'
+        >>> Entity("cart1", "box_1", "box_1::lid").scoped
+        'cart1::box_1::box_1::lid'
         """
         return "::".join(filter(None, (self.top, "" if self.model == self.top else self.model, self.link)))
 
@@ -522,7 +522,7 @@ class _Scan:
         model = parent.children.get(raw)
         if model is None:
             name = _words(raw)
-            # Several models may contain one of the same name, such as a tray on each AGV.
+            # Several models may contain one of the same name, such as a wheel on each cart.
             key = name if name not in self.models else f"{parent.key}::{name}"
             if key in self.models:
                 raise CorruptError(f"two models are called {key!r}")

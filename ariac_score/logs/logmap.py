@@ -227,10 +227,11 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
+        as_consumed=data.get("as_consumed", False),
     )
 
 
-_NAMED = {"pair": "a robot and a human", "body": "one body", ENVIRONMENT: "the environment"}
+_NAMED = {"pair": "two bodies", "body": "one body", ENVIRONMENT: "the environment"}
 
 
 def _field_map(
@@ -250,9 +251,8 @@ def _field_map(
     # A signal of an undeclared body would be read, and no monitor would ever look at it.
     known = [ENVIRONMENT] if quantity.of == ENVIRONMENT else bodies
     unknown = [s for s in subjects if s not in known]
-    kinds = [bodies[s].kind for s in subjects if s in bodies]
-    wrong_pair = quantity.of == "pair" and kinds != ["robot", "human"]
-    if unknown or wrong_pair or len(subjects) != (2 if quantity.of == "pair" else 1):
+    distinct = set(subjects)  # no body is at a distance from itself
+    if unknown or not len(subjects) == len(distinct) == (2 if quantity.of == "pair" else 1):
         raise LogMapError(
             f"signal {name!r} does not name {_NAMED[quantity.of]}",
             file=document.file,

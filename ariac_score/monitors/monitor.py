@@ -127,14 +127,19 @@ class SubjectMonitor:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The signals it reads: those it cannot do without, its flags, and those that help."""
-        wanted = {quantity_of(name): unit for name, unit in self.wanted.items()}
-        for quantity, unit in wanted.items():
-            yield SignalNeed(quantity, unit, self.max_gap_s)
+        wanted, helpful = self._signals_of(self.wanted), self._signals_of(self._helpful)
+        for (quantity, pair), unit in wanted.items():
+            yield SignalNeed(quantity, unit, self.max_gap_s, pair=pair)
         for flag in self.flags:
             yield SignalNeed(flag, "1", self.max_flag_age_s)
-        for quantity, unit in {quantity_of(name): unit for name, unit in self._helpful.items()}.items():
-            if quantity not in wanted:
-                yield SignalNeed(quantity, unit, self.max_gap_s, optional=True)
+        for (quantity, pair), unit in helpful.items():
+            if (quantity, pair) not in wanted:
+                yield SignalNeed(quantity, unit, self.max_gap_s, optional=True, pair=pair)
+
+    def _signals_of(self, templates: Mapping[str, str]) -> Mapping[tuple[str, str], str]:
+        """The unit of each quantity, and of whom it is where it is of a pair."""
+        whose = self.subjects.pair
+        return {(quantity_of(template), whose(template)): unit for template, unit in templates.items()}
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings about every subject, and what is not known."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import combinations, product
 
 from ariac_score.checks.findings import Finding
 from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.vocabulary import subject_of
 
 __all__ = ["WHOLE_TRIAL", "Subject", "Subjects", "bodies", "nobody", "pairs"]
 
@@ -73,6 +75,19 @@ class Subjects:
         """Whether they are pairs of bodies of the same kind, each two once."""
         return len(self.kinds) == 2 and self.kinds[0] == self.kinds[1]
 
+    def pair(self, template: str) -> str:
+        """Of whom the signal of a template is, by kinds, where it is of a pair; else empty.
+
+        >>> pairs("vehicle", "pedestrian").pair("separation/{vehicle}/{pedestrian}")
+        '{vehicle}/{pedestrian}'
+        >>> pairs("drone", "drone").pair("separation/{drone}/{other}"), bodies("drone").pair("speed/{drone}")
+        ('{drone}/{drone}', '')
+        """
+        subject = subject_of(template)
+        if "/" not in subject:
+            return ""
+        return subject.replace(f"{{{OTHER}}}", f"{{{self.kinds[0]}}}") if self.of_one_kind else subject
+
     def of(self, known: Iterable[Body]) -> list[Subject]:
         """The subjects among some bodies, in order of their ids.
 
@@ -112,14 +127,30 @@ def pairs(first: str, second: str) -> Subjects:
 def nobody(trial: Trial, kinds: tuple[str, ...], clause: str = "") -> Finding:
     """The finding when there is no subject to watch.
 
+    Not applicable where the log records every body, else inconclusive; so is a log that has a kind of
+    nearly the same name, for one of the two may be misspelt.
+
     Args:
         trial: The trial.
         kinds: Kinds of bodies that must be there for a subject to exist.
         clause: Where the standard asks for it.
+
+    >>> nobody(Trial("t", bodies=(Body("ann", "pedestrain"),)), ("pedestrian",)).message
+    "the log shows no pedestrian; did you mean 'pedestrain'?"
     """
     lacking = dict.fromkeys(kind for kind in kinds if not trial.bodies_of(kind))
     missing = " and no ".join(lacking) or f"second {kinds[0]}"
-    if "bodies" in trial.witnessed:
+    near = _nearly_named(tuple(lacking) or kinds, {body.kind for body in trial.bodies} - {*kinds})
+    if "bodies" in trial.witnessed and not near:
         message = f"the log records every body, and there is no {missing} among them"
         return Finding.not_applicable("trial", message, clause=clause)
-    return Finding.inconclusive("trial", f"the log shows no {missing}", span=trial.window, clause=clause)
+    remark = f"; did you mean {' and '.join(map(repr, near))}?" if near else ""
+    message = f"the log shows no {missing}{remark}"
+    return Finding.inconclusive("trial", message, span=trial.window, clause=clause)
+
+
+def _nearly_named(kinds: Iterable[str], others: Iterable[str]) -> list[str]:
+    """The other kinds that a misspelt one of these may be."""
+    by_name = {kind.casefold(): kind for kind in sorted(others)}
+    near = (get_close_matches(kind.casefold(), by_name, n=1, cutoff=0.8) for kind in kinds)
+    return list(dict.fromkeys(by_name[name] for found in near for name in found))

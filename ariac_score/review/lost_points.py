@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
@@ -87,18 +87,6 @@ def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
     return {key: result.score + _gain(result, (key,), value) for key in keys[:MOST]}
 
 
-def _as_it_should(result: Result, key: str) -> Finding:
-    """A finding with nothing that could be said against it: verdict, and what its check calls best."""
-    finding = ideal({key: result.measured.findings[key]})[key]
-    declared = result.measured.measures.get(finding.check, {})
-    best = {
-        name: one.reference
-        for name, one in declared.items()
-        if one.role != "points" and one.reference is not None and name in finding.quantities
-    }
-    return replace(finding, quantities={**finding.quantities, **best}) if best else finding
-
-
 def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], Number | None]:
     """What findings are worth by the rules of a result; `None` where that has no value."""
 
@@ -118,7 +106,8 @@ def _gain(
     """How much more the score would be with these findings kept."""
     assert result.score is not None  # called only for scored trials
     findings = result.measured.findings
-    after = value({**findings, **{key: _as_it_should(result, key) for key in keys}})
+    kept = ideal({key: findings[key] for key in keys}, result.measured.measures)
+    after = value({**findings, **kept})
     return Decimal(0) if after is None else rounded(after, result.digits) - result.score
 
 

@@ -9,6 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
 
 __all__ = ["POLICIES", "Assumed", "Assumption", "Policy", "assume", "ideal"]
 
@@ -98,11 +99,29 @@ def _worst(finding: Finding) -> Finding:
     return replace(finding, verdict=Verdict.VIOLATED, quantities=quantities, critical=True)
 
 
-def ideal(findings: Mapping[str, Finding]) -> dict[str, Finding]:
-    """The same findings, had everything gone right: what the trial could have earned."""
+def ideal(
+    findings: Mapping[str, Finding], measures: Mapping[str, Mapping[str, Measure]] | None = None
+) -> dict[str, Finding]:
+    """The same findings, had everything gone right: what the trial could have earned.
+
+    Args:
+        findings: By id.
+        measures: What checks declare of their quantities, by check and quantity. What has a best value is
+            at it; what has none, as most times, stays as it was measured. Without it all do.
+    """
     return {
-        key: replace(finding, verdict=Verdict.SATISFIED)
-        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
-        else finding
-        for key, finding in findings.items()
+        key: _ideal(finding, (measures or {}).get(finding.check, {})) for key, finding in findings.items()
     }
+
+
+def _ideal(finding: Finding, declared: Mapping[str, Measure]) -> Finding:
+    if finding.verdict is Verdict.NOT_APPLICABLE:
+        return finding
+    # Points are what was earned: the reference of a ledger is 0 there, and no best.
+    best = {name: one.reference for name, one in declared.items() if one.role != "points"}
+    # What nobody could judge has no quantities, and would count as a factor of 0.
+    unknown = finding.verdict is Verdict.INCONCLUSIVE and not finding.quantities
+    found = {n: by for n, by in best.items() if by is not None and (unknown or n in finding.quantities)}
+    if finding.verdict is Verdict.SATISFIED and not found:
+        return finding
+    return replace(finding, verdict=Verdict.SATISFIED, quantities={**finding.quantities, **found})

@@ -31,8 +31,9 @@ class Priced:
             `needs_cohort` when it takes values across teams that are not given.
         ledger: The score taken apart; `None` unless scored.
         task: The task score taken apart; `None` when the sheet has none, or it is withheld.
-        possible: What the trial could have earned with every finding satisfied; `None`
-            when that has no value, as when a time to be divided by is not known.
+        possible: What the trial could have earned with every finding satisfied and every quantity at the
+            best value that its check declares, if it declares one; `None` when that has no value, as when
+            a time to be divided by is not known.
         assumptions: What was made of undecided findings.
         missing: In words, what the score needs from all teams or what no record states.
     """
@@ -113,7 +114,7 @@ def price(
     maker = _LedgerMaker(scopes, sheet, assumed, cohort, measures or {}, digits)
     task = _task(scopes, sheet, assumed, maker)
     # Before any score is refused: a withheld result still says what it could have been.
-    possible = _possible(findings, scopes, sheet, cohort, digits)
+    possible = _possible(ideal(findings, measures), scopes, sheet, cohort, digits)
     if _withheld(assumed, sheet.scored):
         return Priced("incomplete", None, task, possible, assumed.assumptions)
     try:
@@ -180,13 +181,13 @@ def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, maker: _LedgerMake
 
 
 def _possible(
-    findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, cohort: CohortValues, digits: int
+    best: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, cohort: CohortValues, digits: int
 ) -> Decimal | None:
     """The best score; `None` where better findings would bring numbers that nobody measured."""
     if sheet.needs_cohort:  # a faster run is not among the findings, and would move the means as well
         return None
     try:
-        return rounded(sheet.evaluate(scopes, ideal(findings), cohort).value, digits)
+        return rounded(sheet.evaluate(scopes, best, cohort).value, digits)
     except FormulaError:
         return None
 

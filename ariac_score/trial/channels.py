@@ -45,6 +45,7 @@ class Channel:
         decoder: Name of the plugin that turns its messages into work, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
+        as_consumed: Whether its signals are series, every value in the order of the recording; see `Series`.
     """
 
     topic: str
@@ -55,6 +56,7 @@ class Channel:
     decoder: str = ""
     witnesses: tuple[str, ...] = ()
     optional: bool = False
+    as_consumed: bool = False
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal, common_times, sealed
 from ariac_score.trial.spans import BoolArray, FloatArray, distinct
-from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, quantity_of
+from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity, quantity_of
 
 __all__ = [
     "SOURCES",
@@ -134,10 +134,13 @@ class Derivation:
     Attributes:
         quantity: Such as `centre_distance`.
         max_gap_s: Nothing is derived across gaps longer than this, s.
+        pair: Of a quantity of pairs whose it is: kinds in braces or ids of bodies, such as
+            `{vehicle}/{pedestrian}`. Empty: of every robot and human, some quantities of every two bodies.
     """
 
     quantity: str
     max_gap_s: float
+    pair: str = ""
 
 
 def centred_velocity(
@@ -246,8 +249,8 @@ def nearest_distances(
     Returns:
         For each other body, shape (len(of_others), n), m; infinite for one without points.
 
-    >>> robot, human = np.array([[0.0, 0.0], [3.0, 4.0]]), np.zeros((2, 2))
-    >>> nearest_distances([robot], [[human]]).tolist()
+    >>> one, other = np.array([[0.0, 0.0], [3.0, 4.0]]), np.zeros((2, 2))
+    >>> nearest_distances([one], [[other]]).tolist()
     [[0.0, 5.0]]
     """
     count = len(of_one[0])
@@ -293,16 +296,19 @@ def derive_signals(
         inconclusive; jumps that split a track are counted in its `log_defects`.
     """
     gaps: dict[str, float] = {}
+    subjects: dict[str, dict[str, None]] = {}
     for item in wanted:
         gaps[item.quantity] = min(item.max_gap_s, gaps.get(item.quantity, np.inf))
+        subjects.setdefault(item.quantity, {}).update(dict.fromkeys(_subjects(trial, item)))
     shortest: dict[str, float] = {}
     for quantity, gap_s in gaps.items():
         # A source derived across a longer gap than its target allows would fill the target's gaps.
         for source in source_quantities([quantity], brought):
             shortest[source] = min(gap_s, shortest.get(source, np.inf))
-    deriver = _Deriver(trial, speed_window_s, shortest, brought)
+    together = {subject for those in subjects.values() for subject in those}
+    deriver = _Deriver(trial, speed_window_s, shortest, brought, together)
     for quantity in sorted(gaps):
-        for subject in _subjects(trial, quantity):
+        for subject in subjects[quantity]:
             deriver.get(f"{quantity}/{subject}", gaps[quantity])
     defects = tuple(sorted({*trial.log_defects, *deriver.defects}))
     return replace(
@@ -310,18 +316,34 @@ def derive_signals(
     )
 
 
-def _subjects(trial: Trial, quantity: str) -> Iterator[str]:
-    known = QUANTITIES.get(quantity)
+def _subjects(trial: Trial, wanted: Derivation) -> Iterator[str]:
+    known = QUANTITIES.get(wanted.quantity)
     if known is None:
         return
     if known.of == ENVIRONMENT:
         yield ENVIRONMENT
-    elif known.any_bodies:
-        yield from (f"{a.id}/{b.id}" for a, b in trial.body_pairs())
     elif known.of == "pair":
-        yield from (f"{robot.id}/{human.id}" for robot, human in trial.pairs())
+        yield from (f"{first.id}/{second.id}" for first, second in _pairs(trial, wanted.pair, known))
     else:
         yield from sorted(body.id for body in trial.bodies)
+
+
+def _pairs(trial: Trial, pair: str, quantity: Quantity) -> Iterator[tuple[Body, Body]]:
+    """The bodies that a pair names by kind or id, each two of one kind once."""
+    if not pair:
+        yield from trial.body_pairs() if quantity.any_bodies else trial.pairs()
+        return
+    one, _, other = pair.partition("/")
+    for first in _named(trial, one):
+        for second in _named(trial, other):
+            if first.id < second.id or (one != other and first != second):
+                yield first, second
+
+
+def _named(trial: Trial, name: str) -> tuple[Body, ...]:
+    if name.startswith("{") and name.endswith("}"):
+        return trial.bodies_of(name[1:-1])
+    return tuple(body for body in trial.bodies if body.id == name)
 
 
 class _Deriver:
@@ -333,9 +355,11 @@ class _Deriver:
         speed_window_s: float,
         shortest_gaps_s: Mapping[str, float],
         brought: Mapping[str, DerivedSignal],
+        subjects: Iterable[str],
     ) -> None:
         self.bodies = {body.id: body for body in trial.bodies}
         self.signals: dict[str, Signal] = dict(trial.signals)
+        self.as_consumed = trial.as_consumed
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
         self.brought = brought
@@ -343,14 +367,17 @@ class _Deriver:
         self.defects: set[LogDefect] = set()
         self._nearest_of: dict[tuple[str, float, int], tuple[_Nearest, int]] = {}
         self._closest_of: dict[tuple[str, float], _Closest | None] = {}
-        self._humans_of: dict[str, list[str]] = {}
-        for robot, human in trial.pairs():
-            self._humans_of.setdefault(robot.id, []).append(human.id)
+        self._partners: dict[str, list[str]] = {}
+        for one, _, other in (subject.partition("/") for subject in sorted(subjects)):
+            if other:
+                self._partners.setdefault(one, []).append(other)
 
     def get(self, name: str, max_gap_s: float) -> Signal | None:
         """The recorded or derived signal; `None` when it cannot be had."""
         if name in self.signals:
             return self.signals[name]
+        if name in self.as_consumed:  # recorded, so nothing replaces it
+            return None
         quantity, _, subject = name.partition("/")
         # One signal serves all monitors, so the strictest of their gaps counts.
         max_gap_s = min(max_gap_s, self.shortest_gaps_s.get(quantity, max_gap_s))
@@ -360,8 +387,8 @@ class _Deriver:
             "centre_distance": self._centre_distance,
             "centre_distance_2d": self._centre_distance_2d,
             "separation": self._separation,
-            "approach_speed_robot": self._approach_of_robot,
-            "approach_speed_human": self._approach_of_human,
+            "approach_speed_robot": self._approach_of_first,
+            "approach_speed_human": self._approach_of_second,
             "relative_speed": self._relative_speed,
             "body_separation": self._separation,
             "tcp_speed": self._tcp_speed,
@@ -419,7 +446,8 @@ class _Deriver:
         velocities = [self.get(f"velocity/{point}", max_gap_s) for point in points]
         present = [signal for signal in velocities if signal is not None]
         # The origin may be missing (many logs follow links only), a link may not: it may be the fastest.
-        if len(present) < len(points) - (f"position/{subject}" not in self.signals) or not present:
+        origin = f"position/{subject}" in self.signals or f"position/{subject}" in self.as_consumed
+        if len(present) < len(points) - (not origin) or not present:
             return None
         t = common_times(present, max_gap_s=max_gap_s)
 
@@ -442,38 +470,41 @@ class _Deriver:
 
     def _points_of(self, subject: str, max_gap_s: float, quantity: str) -> _Points | None:
         """A quantity of every point of a pair."""
-        robot, _, human = subject.partition("/")
-        if not {robot, human} <= self.bodies.keys():
+        first, _, second = subject.partition("/")
+        if not {first, second} <= self.bodies.keys():
             return None
-        names = [[f"{quantity}/{point}" for point in _points(self.bodies[b])] for b in (robot, human)]
+        names = [[f"{quantity}/{point}" for point in _points(self.bodies[b])] for b in (first, second)]
         found = [self.get(name, max_gap_s) for name in (*names[0], *names[1])]
         present = [signal for signal in found if signal is not None]
         if len(present) < len(found):
             return None  # the missing one may be the nearest
-        robots, humans = present[: len(names[0])], present[len(names[0]) :]
-        return _Points.of(robots, humans, max_gap_s)
+        return _Points.of(present[: len(names[0])], present[len(names[0]) :], max_gap_s)
 
     def _nearest(self, subject: str, max_gap_s: float, components: int) -> tuple[_Nearest, int] | None:
-        """The smallest distances of the robot to each human; which of them is that of the pair."""
+        """The smallest distances of the first to each of the other's kind; which of them is the pair's."""
         key = subject, max_gap_s, components
         if key not in self._nearest_of:
             points = self._points_of(subject, max_gap_s, "position")
             if points is None:
                 return None
-            others = {subject: points.human} | self._seen_together(subject.partition("/")[0], points)
+            others = {subject: points.second} | self._seen_together(subject, points)
             nearest = _Nearest(points, list(others.values()), slice(components))
             for number, other in enumerate(others):
                 self._nearest_of[other, max_gap_s, components] = nearest, number
         return self._nearest_of[key]
 
-    def _seen_together(self, robot: str, points: _Points) -> dict[str, Sequence[Signal]]:
-        """The tracks of all humans sampled at the times of a robot, by pair, to be measured in one pass."""
+    def _seen_together(self, subject: str, points: _Points) -> dict[str, Sequence[Signal]]:
+        """The tracks of the second's kind sampled at the times of a pair, to be measured in one pass."""
+        first, _, second = subject.partition("/")
         found: dict[str, Sequence[Signal]] = {}
-        for human in self._humans_of.get(robot, ()) if points.together else ():
-            names = [f"position/{point}" for point in _points(self.bodies[human])]
+        for other in self._partners.get(first, ()) if points.together else ():
+            body = self.bodies.get(other)
+            if body is None or body.kind != self.bodies[second].kind:
+                continue
+            names = [f"position/{point}" for point in _points(body)]
             signals = [self.signals[name] for name in names if name in self.signals]
             if len(signals) == len(names) and all(np.array_equal(points.t, one.t) for one in signals):
-                found[f"{robot}/{human}"] = signals
+                found[f"{first}/{other}"] = signals
         return found
 
     def _distance(self, subject: str, max_gap_s: float, components: int) -> _Made | None:
@@ -493,9 +524,9 @@ class _Deriver:
         nearest = self._nearest(subject, max_gap_s, 3)
         if nearest is None:
             return None
-        robot, _, human = subject.partition("/")
+        first, _, second = subject.partition("/")
         of_pair, number = nearest
-        radii_m = self.bodies[robot].radius_m, self.bodies[human].radius_m
+        radii_m = self.bodies[first].radius_m, self.bodies[second].radius_m
 
         def separation() -> FloatArray:
             return np.maximum(of_pair.distance_m(number) - radii_m[0] - radii_m[1], 0.0)
@@ -511,18 +542,18 @@ class _Deriver:
             self._closest_of[key] = _Closest(positions, velocities) if positions and velocities else None
         return self._closest_of[key]
 
-    def _approach_of_robot(self, subject: str, max_gap_s: float) -> _Made | None:
-        """v . u for the robot, u the unit vector between the closest points."""
+    def _approach_of_first(self, subject: str, max_gap_s: float) -> _Made | None:
+        """v . u for the first of a pair, u the unit vector between the closest points."""
         closest = self._closest(subject, max_gap_s)
-        return None if closest is None else closest.towards("robot_towards")
+        return None if closest is None else closest.towards("first_towards")
 
-    def _approach_of_human(self, subject: str, max_gap_s: float) -> _Made | None:
-        """-(v . u) for the human."""
+    def _approach_of_second(self, subject: str, max_gap_s: float) -> _Made | None:
+        """-(v . u) for the second."""
         closest = self._closest(subject, max_gap_s)
-        return None if closest is None else closest.towards("human_towards")
+        return None if closest is None else closest.towards("second_towards")
 
     def _relative_speed(self, subject: str, max_gap_s: float) -> _Made | None:
-        """|v_r - v_h| of the closest points."""
+        """Speed of the closest points against each other."""
         closest = self._closest(subject, max_gap_s)
         return None if closest is None else (closest.t, lambda: closest.moves.relative)
 
@@ -533,26 +564,26 @@ _Made: TypeAlias = "tuple[FloatArray, Callable[[], FloatArray]]"
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """A quantity of every point of a robot and a human, on one time base.
+    """A quantity of every point of two bodies, on one time base.
 
     Attributes:
-        robot: One signal for each point of the robot.
-        human: One for each point of the human.
+        first: One signal for each point of the first.
+        second: One for each point of the second.
         t: The common times, shape (n,), s.
         together: Whether every signal is sampled at exactly these times.
     """
 
-    robot: Sequence[Signal]
-    human: Sequence[Signal]
+    first: Sequence[Signal]
+    second: Sequence[Signal]
     t: FloatArray
     together: bool
 
     @classmethod
-    def of(cls, robot: Sequence[Signal], human: Sequence[Signal], max_gap_s: float) -> _Points:
+    def of(cls, first: Sequence[Signal], second: Sequence[Signal], max_gap_s: float) -> _Points:
         """The points of a pair, given as their signals."""
-        signals = [*robot, *human]
+        signals = [*first, *second]
         t = sealed(common_times(signals, max_gap_s=max_gap_s))
-        return cls(robot, human, t, all(s.t is t or np.array_equal(s.t, t) for s in signals))
+        return cls(first, second, t, all(s.t is t or np.array_equal(s.t, t) for s in signals))
 
     def at(self, signal: Signal, t: FloatArray, rows: Any) -> FloatArray:
         """The values of one of them at some rows of these times."""
@@ -565,25 +596,25 @@ def _blocks(count: int) -> Iterator[slice]:
 
 
 class _Nearest:
-    """The smallest distances between a robot and each of some humans."""
+    """The smallest distances between a body and each of some others."""
 
     def __init__(self, points: _Points, others: Sequence[Sequence[Signal]], components: slice) -> None:
         self.points, self._others, self._components = points, others, components
 
     def distance_m(self, number: int) -> FloatArray:
-        """Of one of the humans, shape (n,)."""
+        """Of one of the others, shape (n,)."""
         found: FloatArray = self._distances_m[number]
         return found
 
     @cached_property
     def _distances_m(self) -> FloatArray:
-        """Of all, shape (number of humans, n): the positions of the robot are read once for all humans."""
+        """Of all, shape (number of others, n): the positions of the one body are read once for all."""
         points, t = self.points, self.points.t
         found = np.empty((len(self._others), len(t)))
         for rows in _blocks(len(t)):
-            robot = [points.at(one, t, rows) for one in points.robot]
-            humans = [[points.at(one, t, rows) for one in other] for other in self._others]
-            found[:, rows] = nearest_distances(robot, humans, self._components)
+            here = [points.at(one, t, rows) for one in points.first]
+            there = [[points.at(one, t, rows) for one in other] for other in self._others]
+            found[:, rows] = nearest_distances(here, there, self._components)
         return found
 
 
@@ -595,13 +626,13 @@ class _Moves:
     there is no direction to divide by.
     """
 
-    robot_towards: FloatArray
-    human_towards: FloatArray
+    first_towards: FloatArray
+    second_towards: FloatArray
     relative: FloatArray
 
 
 class _Closest:
-    """The two nearest points of a robot and a human, and how they move.
+    """The two nearest points of two bodies, and how they move.
 
     Attributes:
         t: The times at which positions and velocities are known, shape (n,), s.
@@ -619,10 +650,10 @@ class _Closest:
         self.distance_m = np.empty(len(self.t))
         self._pair = np.empty(len(self.t), dtype=np.intp)
         for rows in _blocks(len(self.t)):
-            robot, human = (
-                [positions.at(one, self.t, rows) for one in of] for of in (positions.robot, positions.human)
+            first, second = (
+                [positions.at(one, self.t, rows) for one in of] for of in (positions.first, positions.second)
             )
-            self.distance_m[rows], self._pair[rows] = nearest_points(robot, human)
+            self.distance_m[rows], self._pair[rows] = nearest_points(first, second)
 
     def towards(self, whose: str) -> _Made:
         """The speed of one of them towards the other; left out where they coincide."""
@@ -637,17 +668,17 @@ class _Closest:
         """How the two points move."""
         t, positions, velocities = self.t, self._positions, self._velocities
         found = _Moves(*(np.zeros(len(t)) for _ in range(3)))
-        # Values of a `Computed` vector are forgotten when nobody holds them; the human's serve every link.
-        held = [one.values for one in velocities.human]
+        # Values of a `Computed` vector are forgotten when nobody holds them; the second's serve every link.
+        held = [one.values for one in velocities.second]
         for one in distinct(self._pair).tolist():
-            i, j = divmod(one, len(positions.human))
+            i, j = divmod(one, len(positions.second))
             rows = np.flatnonzero(self._pair == one)
-            v_robot = velocities.at(velocities.robot[i], t, rows)
-            v_human = velocities.at(velocities.human[j], t, rows)
-            between = positions.at(positions.human[j], t, rows) - positions.at(positions.robot[i], t, rows)
-            found.robot_towards[rows] = _dot(v_robot, between)
-            found.human_towards[rows] = _dot(-v_human, between)
-            found.relative[rows] = _norm(v_robot - v_human)
+            v_first = velocities.at(velocities.first[i], t, rows)
+            v_second = velocities.at(velocities.second[j], t, rows)
+            between = positions.at(positions.second[j], t, rows) - positions.at(positions.first[i], t, rows)
+            found.first_towards[rows] = _dot(v_first, between)
+            found.second_towards[rows] = _dot(-v_second, between)
+            found.relative[rows] = _norm(v_first - v_second)
         del held
         return found
 
@@ -657,34 +688,34 @@ _SQUARES = 1 << 17
 
 
 def nearest_points(
-    robot: Sequence[FloatArray], human: Sequence[FloatArray]
+    of_first: Sequence[FloatArray], of_second: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """The distance of the nearest points of two bodies, and which points these are.
 
     Of several equally near pairs the first counts.
 
     Args:
-        robot: Tracks of the points of one, each of shape (n, 3), m.
-        human: Those of the other.
+        of_first: Tracks of the points of one, each of shape (n, 3), m.
+        of_second: Those of the other.
 
     Returns:
         Distances, shape (n,), m; number of the point of the one times the number of points
         of the other, plus the number of the point of the other.
     """
-    n = len(robot[0])
+    n = len(of_first[0])
     nearest, pair = np.full(n, np.inf), np.zeros(n, dtype=np.intp)
-    rows = max(_SQUARES // len(robot), 1)
+    rows = max(_SQUARES // len(of_first), 1)
     for first in range(0, n, rows):
         part = slice(first, min(first + rows, n))
-        here = [np.stack([track[part, axis] for track in robot]) for axis in range(3)]
-        for j, track in enumerate(human):
+        here = [np.stack([track[part, axis] for track in of_first]) for axis in range(3)]
+        for j, track in enumerate(of_second):
             total = np.square(track[part, 0] - here[0])
             total += np.square(track[part, 1] - here[1])
             total += np.square(track[part, 2] - here[2])
             np.sqrt(total, out=total)
             for i, distance in enumerate(total):
-                known, which, number = nearest[part], pair[part], i * len(human) + j
-                # Among equals the first robot's point counts, and of it the first human's.
+                known, which, number = nearest[part], pair[part], i * len(of_second) + j
+                # Among equals the first one's point counts, and of it the first of the other.
                 closer = (distance < known) | ((distance == known) & (number < which))
                 np.copyto(known, distance, where=closer)
                 which[closer] = number

@@ -1,8 +1,8 @@
 """The well-known signals: what each quantity means, its unit and its shape.
 
 A signal is named `quantity/subject`. The subject is a body (`gantry`), a link of
-one (`gantry::torso`), or a robot and a human (`gantry/person_1`). A few quantities
-belong to any two bodies (`agv1/person_1`, `gantry/kitting`), or to one body and
+one (`arm::torso`), or two bodies (`arm/person_1`, `truck/ann`), of which those who ask name
+the kinds; where they do not, a robot and a human are meant. A few quantities may be of one body and
 `environment`; one of the `environment` is about no body, such as `friction/environment`.
 Flags are 1 or 0.
 
@@ -48,10 +48,10 @@ class Quantity:
     Attributes:
         unit: SI unit.
         components: Columns of its values; 1 means shape (n,).
-        of: Whether it belongs to one body, to a (robot, human) pair, or to the environment.
+        of: Whether it belongs to one body, to a pair of bodies, or to the environment.
         meaning: One sentence.
         at_least: The least value it can have; a smaller one is a fault of the recorder.
-        any_bodies: Whether its pairs may be any two bodies, not only a robot and a human.
+        any_bodies: Whether who asks for it without kinds means every two bodies, not a robot and a human.
     """
 
     unit: str
@@ -191,9 +191,9 @@ def subject_shape(quantity: Quantity) -> str:
     """How the subject of its signals is written, in words.
 
     >>> subject_shape(QUANTITIES["separation"]), subject_shape(Quantity("K", 1, "environment", "heat"))
-    ('robot/human', 'environment')
+    ('body/other', 'environment')
     """
-    return {"pair": "robot/human", "body": "body", "environment": ENVIRONMENT}[quantity.of]
+    return {"pair": "body/other", "body": "body", "environment": ENVIRONMENT}[quantity.of]
 
 
 def quantity_of(signal: str) -> str:

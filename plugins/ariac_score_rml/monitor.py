@@ -109,9 +109,10 @@ class RmlSpec:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of the fields of events."""
-        needed = {s.quantity: s.unit for topic in topic_sources(self.events) for s in topic.fields.values()}
-        for quantity, unit in sorted(needed.items()):
-            yield SignalNeed(quantity, unit, self.max_gap_s)
+        fields = [field for topic in topic_sources(self.events) for field in topic.fields.values()]
+        needed = {(field.quantity, field.pair): field.unit for field in fields}
+        for (quantity, pair), unit in sorted(needed.items()):
+            yield SignalNeed(quantity, unit, self.max_gap_s, pair=pair)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for every subject: its violations, or that there are none."""

@@ -26,6 +26,12 @@ class FieldSource:
         """What is measured."""
         return self.signal.partition("/")[0]
 
+    @property
+    def pair(self) -> str:
+        """Of which two it is, of whatever kinds; empty where it is of one."""
+        subject = self.signal.partition("/")[2]
+        return subject if "/" in subject else ""
+
 
 @dataclass(frozen=True)
 class TopicSource:

@@ -24,6 +24,7 @@ from ariac_score import (
     align,
     parameter,
 )
+from ariac_score.monitors import nobody
 from ariac_score_stl.judging import JudgedFormula
 from ariac_score_stl.margins import Beyond
 from ariac_score_stl.online import FormulaOnline
@@ -157,8 +158,8 @@ class StlFormula:
 
     def needs(self) -> Iterator[SignalNeed]:
         """The quantities of its signals."""
-        for quantity, unit in sorted({(s.quantity, s.unit) for s in self.sources.values()}):
-            yield SignalNeed(quantity, unit, self.max_gap_s)
+        for quantity, unit, pair in sorted({(s.quantity, s.unit, s.pair) for s in self.sources.values()}):
+            yield SignalNeed(quantity, unit, self.max_gap_s, pair=pair)
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """Findings for everyone whom the formula is about."""
@@ -187,18 +188,10 @@ class StlFormula:
     def _outcomes(self, trial: Trial) -> Iterator[Finding | Outcome]:
         judged = list(subjects(trial, self.sources))
         if not judged:
-            yield self._nobody(trial)
+            kinds = {kind for source in self.sources.values() for kind in source.kinds}
+            yield nobody(trial, tuple(kind for kind in ("robot", "human") if kind in kinds), self.clause)
         for subject in judged:
             yield from self._about(trial, subject)
-
-    def _nobody(self, trial: Trial) -> Finding:
-        kinds = {kind for source in self.sources.values() for kind in source.kinds}
-        missing = " and no ".join(k for k in ("robot", "human") if k in kinds and not trial.bodies_of(k))
-        if "bodies" in trial.witnessed:
-            message = f"the log records every body, and there is no {missing} among them"
-            return Finding.not_applicable("trial", message, clause=self.clause)
-        message = f"the log shows no {missing}"
-        return Finding.inconclusive("trial", message, span=trial.window, clause=self.clause)
 
     def _about(self, trial: Trial, subject: Subject) -> Iterator[Finding | Outcome]:
         names = {name: source.signal(subject) for name, source in self.sources.items()}

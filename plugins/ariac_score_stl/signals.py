@@ -43,6 +43,11 @@ class Source:
             return frozenset({"robot", "human"})
         return frozenset({self.subject} & {"robot", "human"})
 
+    @property
+    def pair(self) -> str:
+        """The pair by its name, which may be of any kinds; else empty."""
+        return self.subject if "/" in self.subject else ""
+
     def signal(self, subject: Subject) -> str:
         """The name of the signal for one robot, human or pair."""
         chosen = {"robot": subject.robot, "human": subject.human}.get(self.subject, self.subject)

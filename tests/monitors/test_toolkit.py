@@ -40,6 +40,7 @@ from ariac_score.monitors import (
     UndecidedError,
     Watched,
     bodies,
+    nobody,
     pairs,
 )
 from ariac_score.testing import contract_checks
@@ -153,6 +154,53 @@ def test_without_anybody_there_is_nothing_to_judge_if_the_log_would_show_them(
 
     assert finding.verdict.value == verdict
     assert "no pedestrian" in finding.message
+    assert "mean" not in finding.message
+
+
+@pytest.mark.parametrize("seen", [True, False])
+@pytest.mark.parametrize("kind", ["pedestrain", "Pedestrian", "PEDESTRIAN", "pedestrians", "pedestrin"])
+def test_a_kind_that_may_be_misspelt_is_never_taken_for_nobody_being_there(seen: bool, kind: str) -> None:
+    known = (*CARS[:2], Body("ann", kind), Body("tree", "plant"))
+    witnessed = frozenset({"bodies"} if seen else ())
+    (finding,) = Clear().watch(Trial("t", bodies=known, witnessed=witnessed, recorded=Span(0.0, 1.0)))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert finding.message == f"the log shows no pedestrian; did you mean {kind!r}?"
+
+
+def test_both_kinds_may_be_misspelt() -> None:
+    known = (Body("car", "vehicel"), Body("ann", "pedestrain"))
+    (finding,) = Clear().watch(Trial("t", bodies=known, recorded=Span(0.0, 1.0)))
+
+    assert finding.message == (
+        "the log shows no vehicle and no pedestrian; did you mean 'vehicel' and 'pedestrain'?"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kinds", "others"),
+    [
+        (("human",), ("humanoid", "robot")),  # a robot that looks like one is none
+        (("pedestrian",), ("vehicle", "cyclist")),
+        (("car", "cart"), ("cart",)),  # who knows of carts does not mean them when it says car
+        (("drone", "drone"), ("drone",)),
+        (("pedestrian",), ()),
+    ],
+)
+def test_a_kind_of_another_name_is_no_misspelt_one(kinds: tuple[str, ...], others: tuple[str, ...]) -> None:
+    known = tuple(Body(f"{kind}_1", kind) for kind in others)
+    finding = nobody(Trial("t", bodies=known, witnessed=frozenset({"bodies"})), kinds)
+
+    assert finding.verdict is Verdict.NOT_APPLICABLE
+    assert "mean" not in finding.message
+
+
+def test_the_second_of_one_kind_may_be_misspelt() -> None:
+    known = (Body("d1", "drone"), Body("d2", "dron"))
+    finding = nobody(Trial("t", bodies=known, witnessed=frozenset({"bodies"})), ("drone", "drone"))
+
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert finding.message == "the log shows no second drone; did you mean 'dron'?"
 
 
 # A margin alone --------------------------------------------------------------------------

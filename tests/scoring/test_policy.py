@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from decimal import Decimal
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
+from ariac_score.scoring import pricing
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.policy import POLICIES, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
@@ -153,3 +156,65 @@ def test_the_ideal_trial_kept_everything_it_was_asked() -> None:
         Verdict.NOT_APPLICABLE,
         Verdict.SATISFIED,
     ]
+
+
+@pytest.mark.parametrize("verdict", [Verdict.SATISFIED, Verdict.VIOLATED, Verdict.INCONCLUSIVE])
+def test_the_ideal_trial_measured_the_best_that_a_check_declares(verdict: Verdict) -> None:
+    declared = {
+        "time_s": Measure("s", best=2.0),
+        "fine": Measure("1", "penalty"),
+        "share": Measure("1", "factor"),
+        "points": Measure("points", "points", best=9.0),
+        "mass_kg": Measure("kg"),
+    }
+    quantities = {"time_s": 7.0, "fine": 7.0, "share": 0.7, "points": 7.0, "mass_kg": 7.0, "other": 7.0}
+    finding = replace(KEPT, verdict=verdict, check="c", quantities=quantities)
+
+    best = ideal({"c#0": finding}, {"c": declared, "d": {"other": Measure("1", best=1.0)}})["c#0"]
+
+    assert best.quantities == quantities | {"time_s": 2.0, "fine": 0.0, "share": 1.0}
+    assert best.verdict is Verdict.SATISFIED
+
+
+def test_the_ideal_trial_has_no_numbers_of_what_does_not_apply_or_was_not_measured() -> None:
+    declared = {"c": {"share": Measure("1", "factor"), "mass_kg": Measure("kg")}}
+    none = replace(KEPT, verdict=Verdict.NOT_APPLICABLE, check="c", quantities={"share": 0.5})
+    kept = replace(KEPT, check="c", quantities={})
+    unknown = replace(UNDECIDED, check="c", quantities={})
+
+    best = ideal({"none": none, "kept": kept, "unknown": unknown}, declared)
+
+    assert best["none"] == none
+    assert best["kept"] == kept
+    # Nobody could judge it: without a number a product with it would be 0.
+    assert best["unknown"].quantities == {"share": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("declared", "possible"),
+    [
+        (None, "0.3125"),  # nobody says what is best: as it was measured
+        (Measure("s", best=0.0), "0.5"),
+        (Measure("s", best=20.0), "0.25"),
+        (Measure("s", "points", best=0.0), "0.3125"),
+    ],
+)
+def test_what_was_possible_is_with_the_best_that_a_check_declares(
+    declared: Measure | None, possible: str
+) -> None:
+    # 5 s are optimal, and no less than 10 s count: in 16 s 5/16, at best 5/10.
+    measured = replace(BROKEN, check="way", quantities={"time_s": 16.0})
+    sheet = ScoreSheet(
+        {}, Expression.parse("holds(way) * 5 / clip(measure(way, time_s), 10, 40)"), frozenset({"way"})
+    )
+
+    priced = pricing.price(
+        {"way#0": measured},
+        Scope("trial", "", {}),
+        sheet,
+        {},
+        digits=4,
+        measures={"way": {"time_s": declared}} if declared else None,
+    )
+
+    assert priced.possible == Decimal(possible)

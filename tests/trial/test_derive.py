@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -313,6 +314,113 @@ def test_a_signal_exists_for_each_pair_of_robot_and_human() -> None:
         "centre_distance/r1/h1",
         "centre_distance/r2/h1",
     ]
+
+
+TRUCK, ANN, DRONES = Body("truck", "vehicle", 0.5), Body("ann", "pedestrian", 0.25), ("d1", "d2", "d3")
+
+
+def asked(of: Trial, *wanted: tuple[str, str]) -> dict[str, Signal]:
+    """What is derived of pairs, without the velocities it follows from."""
+    found = derive_signals(of, [Derivation(quantity, 1.0, pair) for quantity, pair in wanted]).signals
+    return {name: signal for name, signal in found.items() if name.count("/") == 2}
+
+
+def test_a_pair_of_any_kinds_has_its_distances_and_approaches_by_hand() -> None:
+    # The truck drives 3 m/s along x towards ann, who comes 1 m/s towards it; 10 m apart at first.
+    t = np.arange(3.0)
+    tracks = (
+        track("position/truck", t, (0, 0, 0), (3, 0, 0), (6, 0, 0)),
+        track("position/ann", t, (10, 0, 0), (9, 0, 0), (8, 0, 0)),
+    )
+    quantities = {
+        "separation": [9.25, 5.25, 1.25],
+        "centre_distance": [10, 6, 2],
+        "centre_distance_2d": [10, 6, 2],
+        "approach_speed_robot": [3, 3, 3],
+        "approach_speed_human": [1, 1, 1],
+        "relative_speed": [4, 4, 4],
+        "body_separation": [9.25, 5.25, 1.25],
+    }
+
+    wanted = [(quantity, "{vehicle}/{pedestrian}") for quantity in quantities]
+    found = asked(trial(*tracks, bodies=(TRUCK, ANN)), *wanted)
+
+    assert {name: list(signal.values) for name, signal in found.items()} == {
+        f"{quantity}/truck/ann": values for quantity, values in quantities.items()
+    }
+
+
+def crowd() -> Trial:
+    bodies = (ROBOT, HUMAN, TRUCK, ANN, *(Body(one, "drone") for one in reversed(DRONES)))
+    return trial(*(track(f"position/{b.id}", TWO, (i, 0, 0)) for i, b in enumerate(bodies)), bodies=bodies)
+
+
+@pytest.mark.parametrize(
+    ("pair", "those"),
+    [
+        ("{vehicle}/{pedestrian}", ["truck/ann"]),
+        ("{pedestrian}/{vehicle}", ["ann/truck"]),
+        ("{drone}/{drone}", ["d1/d2", "d1/d3", "d2/d3"]),
+        ("{drone}/{vehicle}", ["d1/truck", "d2/truck", "d3/truck"]),
+        ("truck/{drone}", ["truck/d1", "truck/d2", "truck/d3"]),
+        ("d2/{drone}", ["d2/d1", "d2/d3"]),
+        ("d3/d1", ["d3/d1"]),
+        ("", [PAIR]),
+        ("truck/truck", []),
+        ("truck", []),
+        ("{vehicle}/nobody", []),
+        ("{vehicel}/{pedestrian}", []),
+    ],
+)
+def test_only_the_pairs_that_are_asked_for_are_derived(pair: str, those: list[str]) -> None:
+    assert list(asked(crowd(), ("separation", pair))) == [f"separation/{one}" for one in those]
+
+
+def test_pairs_asked_for_one_quantity_are_not_derived_for_another_and_add_up_for_the_same() -> None:
+    found = asked(
+        crowd(), ("separation", "{vehicle}/{pedestrian}"), ("centre_distance", ""), ("separation", "d1/d2")
+    )
+
+    assert list(found) == [f"centre_distance/{PAIR}", "separation/d1/d2", "separation/truck/ann"]
+
+
+def test_without_kinds_a_distance_of_any_two_bodies_is_of_all_but_two_humans() -> None:
+    both = (*crowd().bodies, Body("bob", "human"))
+    here = replace(crowd(), bodies=both, signals={**crowd().signals, **positions_of("bob")})
+
+    found = asked(here, ("body_separation", ""))
+
+    assert len(found) == 8 * 7 // 2 - 1
+    assert "body_separation/bob/person_1" not in found
+
+
+def positions_of(name: str) -> dict[str, Signal]:
+    return {f"position/{name}": track(f"position/{name}", TWO, (20, 0, 0))}
+
+
+def test_nothing_is_computed_of_a_pair_before_it_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: list[int] = []
+
+    def counted(one: Any, others: Any, components: slice = slice(None)) -> FloatArray:
+        computed.append(len(others))
+        return nearest_distances(one, others, components)
+
+    monkeypatch.setattr("ariac_score.trial.derive.nearest_distances", counted)
+    found = asked(crowd(), ("separation", "{vehicle}/{pedestrian}"), ("separation", "{vehicle}/{drone}"))
+    assert computed == []
+
+    found["separation/truck/ann"].values  # noqa: B018  # looking at it computes it
+    assert computed == [1]  # not of the drones too
+    found["separation/truck/d2"].values  # noqa: B018
+    found["separation/truck/d3"].values  # noqa: B018
+    assert computed == [1, 3]  # all drones in one pass
+
+
+def test_what_the_log_records_of_a_pair_of_any_kinds_is_not_replaced() -> None:
+    recorded = Signal("separation/truck/ann", "m", TWO, np.array([7.0, 7.0]))
+    here = replace(crowd(), signals={**crowd().signals, recorded.name: recorded})
+
+    assert asked(here, ("separation", "{vehicle}/{pedestrian}"))[recorded.name] is recorded
 
 
 # What may not be derived ---------------------------------------------------------------

@@ -101,7 +101,7 @@ UNORDERED = frozenset(
 )
 """What adds up in an order that a library chooses; `cumsum` and `add.accumulate` go from left to right."""
 
-WHOLE_NUMBERS = {("ariac_score/ranking/resampling.py", "self.cells.sum(axis=1)")}
+WHOLE_NUMBERS = {("ariac_score/ranking/resampling.py", "cells.sum(axis=1)")}
 """Sums of integers outside of `int(…)`."""
 
 

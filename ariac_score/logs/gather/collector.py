@@ -507,7 +507,8 @@ class _Intake:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)
                 signal, unit = column.field_map.signal, column.field_map.unit
-                builder.add_signal(signal, unit, t, values, source=self.channel.topic)
+                add = builder.add_series if self.channel.as_consumed else builder.add_signal
+                add(signal, unit, t, values, source=self.channel.topic)
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel are about."""
