@@ -30,6 +30,7 @@ from ariac_score.trial.channels import LogMap, PluginUse
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.words import Words
+from ariac_score.trial.work import Fact
 
 __all__ = [
     "built_of",
@@ -119,9 +120,11 @@ def call_hook(plugin: Plugin, hook: Callable[..., Any], *args: object) -> Any:
         raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
 
 
-def topics_read(prepared: Prepared) -> frozenset[str]:
-    """The topics that a rule set reads from a recording, with and without leading slash."""
+def topics_read(prepared: Prepared) -> frozenset[str] | None:
+    """The topics that a rule set reads from a recording, with and without a slash; `None`: any may be."""
     channels = prepared.log_map.channels_for(prepared.sources)
+    if any("{" in channel.topic for channel in channels):  # filled from facts of each trial
+        return None
     names = {channel.topic.lstrip("/") for channel in channels}
     return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
@@ -180,16 +183,22 @@ def read_trial(
         own = _Guarded(competition)
     _refuse_without_record(bundle)
     sources = source_quantities(quantities)
-    trials = []
-    for number, part in enumerate(bundle.parts):
+    trials: dict[int, Trial] = {}
+    # Recordings last: what the other files state of the trial may stand in names of the log map.
+    facts: dict[str, Fact] = {}
+    order = sorted(enumerate(bundle.parts), key=lambda numbered: numbered[1].role == "log")
+    for done_before, (number, part) in enumerate(order):
 
-        def step(done: float, number: int = number) -> None:
-            progress((number + done) / len(bundle.parts))
+        def step(done: float, before: int = done_before) -> None:
+            progress((before + done) / len(bundle.parts))
 
-        wanted = Wanted(log_map, sources, decoders, step, part.run, jobs, tracks)
-        trials.append(readers[part.reader].read(part.path, wanted))
+        own_map = log_map.filled(facts) if part.role == "log" else log_map
+        wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks)
+        trials[number] = readers[part.reader].read(part.path, wanted)
+        facts |= {} if part.role == "log" else trials[number].facts
     name = trials[0].id if len(trials) == 1 else bundle.id
-    trial = merge_trials(name, trials, file=bundle.root, competition=own)
+    in_order = [trials[number] for number in range(len(trials))]
+    trial = merge_trials(name, in_order, file=bundle.root, competition=own)
     # Before the work is missed: a run that crashed has none, and a ranking counts it as 0.
     if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
         raise RunEndedError(
