@@ -66,6 +66,7 @@ class Collector:
         self._wanted, self._file = wanted, file
         self._clocks, self._stamped_by_reader = Clocks(file), stamped_by_reader
         log_map = wanted.log_map
+        log_map.refuse_unfilled()
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
         # Links before models: models inside models are listed as links only.
