@@ -98,7 +98,7 @@ if TYPE_CHECKING:
         TeamSetup,
         Trial,
     )
-    from ariac_score.trial.signals import Sample, Signal, align
+    from ariac_score.trial.signals import Sample, Series, Signal, align
     from ariac_score.trial.spans import (
         FloatArray,
         Span,
@@ -187,6 +187,7 @@ _MODULE_OF = {
     "RuleSet": "ariac_score.scoring.ruleset",
     "Sample": "ariac_score.trial.signals",
     "ScoreError": "ariac_score.errors",
+    "Series": "ariac_score.trial.signals",
     "Signal": "ariac_score.trial.signals",
     "SignalNeed": "ariac_score.checks.contracts",
     "Span": "ariac_score.trial.spans",
@@ -297,6 +298,7 @@ __all__ = [
     "RuleSet",
     "Sample",
     "ScoreError",
+    "Series",
     "Signal",
     "SignalNeed",
     "Span",

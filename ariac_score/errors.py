@@ -187,15 +187,30 @@ class RunEndedError(NothingToScoreError):
 
 
 class MissingSignalError(LogError):
-    """A check needs a signal that the log does not contain."""
+    """A check needs a signal that the log does not contain, or contains only as consumed.
 
-    def __init__(self, name: str, recorded: Iterable[str]) -> None:
+    Args:
+        name: Of the signal.
+        recorded: The signals of the log.
+        as_consumed: What the log has in the order in which an official program takes it.
+    """
+
+    def __init__(self, name: str, recorded: Iterable[str], as_consumed: Iterable[str] = ()) -> None:
         self.name = name
         self.recorded = sorted(recorded)
+        series = sorted(as_consumed)
+        if name in series:
+            super().__init__(
+                f"signal {name!r} is there as consumed only: its stamps may repeat and run back, "
+                "so it cannot be used over time",
+                hint=f"read it by index, trial.series({name!r}, unit=...), or record it as a signal",
+            )
+            return
         hint = (
             did_you_mean(name, self.recorded, what="recorded") if self.recorded else "no signal was recorded"
         )
-        super().__init__(f"signal {name!r} is not in the log", hint=hint)
+        kept = f"; nothing is derived from what is there as consumed: {', '.join(series)}" if series else ""
+        super().__init__(f"signal {name!r} is not in the log{kept}", hint=hint)
 
 
 class ResultError(ScoreError):

@@ -290,7 +290,7 @@ def watched_in(trial: Trial) -> Span | None:
     """
     spans = [span for span in (trial.recorded, trial.window) if span is not None]
     if trial.recorded is None:  # as in a trial made by hand; else no signal reaches beyond it
-        spans += [signal.span for signal in trial.signals.values() if signal.span is not None]
+        spans += [one.span for one in trial.sampled if one.span is not None]
     times_s = [end for span in spans for end in (span.start_s, span.end_s)]
     times_s += [event.t_s for event in trial.events]
     times_s += [submission.submitted_s for submission in trial.submissions]
@@ -322,8 +322,9 @@ class Subjects(Container[str]):
     def _all(self) -> frozenset[str]:
         if self._known is None:
             trial = self._trial
-            names = {*_PLACES, *self._own, *trial.signals, *(body.id for body in trial.bodies)}
-            for signal in trial.signals:  # bodies that a reader knows by their signals alone
+            sampled = {one.name for one in trial.sampled}
+            names = {*_PLACES, *self._own, *sampled, *(body.id for body in trial.bodies)}
+            for signal in sampled:  # bodies that a reader knows by their signals alone
                 names |= {_JOINT.sub("", part) for part in subject_of(signal).split("/")}
             for event in trial.events:
                 names |= {event.subject, event.detail}
@@ -354,7 +355,7 @@ def margin_breach(
         findings: What it found, with the digits of a result.
         charts: Its margins.
     """
-    times = [signal.t for name, signal in trial.signals.items() if quantity_of(name) in needed]
+    times = [one.t for one in trial.sampled if quantity_of(one.name) in needed]
     recorded = np.unique(np.concatenate(times)) if times else np.zeros(0)
     for chart in charts:
         strange = np.setdiff1d(chart.t, recorded)

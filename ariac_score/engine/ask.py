@@ -22,6 +22,7 @@ from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.words import Words
 from ariac_score.trial.work import WorkItem, paths_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
@@ -42,12 +43,18 @@ def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
         trial: Whose samples count.
         budget_s: Allowed for a million samples.
     """
-    samples = sum(len(signal) for signal in trial.signals.values())
+    samples = sum(map(len, trial.sampled))
     return budget_s * max(samples, SMALLEST_LOG_SAMPLES) / 1e6
 
 
 def ask(
-    plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial, *, notice: Notice | None = None
+    plugin: Plugin,
+    name: str,
+    check: Rule | Monitor,
+    trial: Trial,
+    *,
+    notice: Notice | None = None,
+    words: Words | None = None,
 ) -> list[Finding]:
     """All findings of one check about a trial, in order, with the numbers as they will be stored.
 
@@ -58,6 +65,7 @@ def ask(
         trial: With the derived signals.
         notice: Takes the origin of a plugin that prints, and what it printed; by default a notice
             goes to standard error.
+        words: Of the competition, for what the engine itself finds.
 
     Raises:
         PluginError: The plugin raised, yielded nothing or something else, gave a finding that breaks the
@@ -75,7 +83,7 @@ def ask(
     )
     with heard:
         try:
-            for finding in _answers(plugin, name, check, trial):
+            for finding in _answers(plugin, name, check, trial, words or Words()):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
                 findings.append(finding)
@@ -143,7 +151,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
     """What the findings of a check are held against."""
     needs = needs_of(plugin, name, check)
     needed = {need.quantity for need in needs}
-    signals = {signal: recorded.unit for signal, recorded in trial.signals.items()}
+    signals = {recorded.name: recorded.unit for recorded in trial.sampled}
     units = {*signals.values(), *(need.unit for need in needs), *(one.unit for one in QUANTITIES.values())}
     try:
         measures = getattr(check, "measures", {})
@@ -186,8 +194,8 @@ def _order_of_findings(finding: Finding) -> tuple[str, float, str]:
 def _marks(trial: Trial) -> tuple[object, ...]:
     """Values that differ once a trial was changed; its arrays are read-only, so their identity is enough."""
     small = (trial.work, trial.submissions, trial.events, trial.bodies, trial.witnessed, trial.recorded)
-    same = (trial.signals, trial.facts, trial.team, trial.official, trial.records)
-    arrays = [(name, id(s), s.identity, s.unit) for name, s in trial.signals.items()]
+    same = (trial.signals, trial.as_consumed, trial.facts, trial.team, trial.official, trial.records)
+    arrays = [(s.name, id(s), s.identity, s.unit) for s in trial.sampled]
     try:
         small_mark = hash(small)
     except TypeError:  # a reader put a list where a tuple belongs
@@ -202,14 +210,15 @@ def _not_none(answer: Any) -> Any:
     return answer
 
 
-def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
-    """The findings of a rule about each order, or of a monitor about the trial."""
+def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) -> Iterator[Finding]:
+    """The findings of a rule about each item of work, or of a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
         yield from _not_none(check.watch(trial))
         return
-    items = list(paths_at(trial.work, getattr(check, "level", "")))
+    level = getattr(check, "level", "")
+    items = list(paths_at(trial.work, level))
     if not items:
-        yield Finding.not_applicable("trial", "no order was announced")
+        yield Finding.not_applicable("trial", words.none_announced(level))
     for path, item in items:
         if getattr(item, "outline", False) and not getattr(check, "reads_official", False):
             yield Finding.inconclusive(path, "what it asked for is not recorded, only its official score")
@@ -218,8 +227,8 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
         for finding in _not_none(check.judge(trial, item)):
             spoken = True
             yield _inside(finding, path, item)
-        if not spoken and not item.items and not getattr(check, "level", ""):
-            yield Finding.not_applicable(path, f"the {item.level} asks for nothing")
+        if not spoken and not item.items and not level:
+            yield Finding.not_applicable(path, f"the {words.one(item.level)} asks for nothing")
         elif not spoken:
             raise broken(plugin, f"says nothing about {path}, and silence is not a verdict", of=name)
 

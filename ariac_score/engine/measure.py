@@ -23,8 +23,8 @@ from ariac_score.scoring.ruleset import Check, RuleSet
 from ariac_score.scoring.scope import Scope
 from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.model import Trial
-from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import Span, longest_silence_s
+from ariac_score.trial.signals import Series, Signal
+from ariac_score.trial.spans import Span, distinct, longest_silence_s
 from ariac_score.trial.vocabulary import quantity_of
 from ariac_score.trial.work import Fact, WorkItem, announced_s
 
@@ -49,7 +49,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
     prepared = prepare(rules)
     findings: dict[str, Finding] = {}
     # A misspelt quantity is not one that the log happens to lack.
-    prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.signals.values()})
+    prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.sampled})
     for name, each in prepared.checks.items():
         _refuse_recorded_units(trial, name, each.needs)
         wanted = prepared.rule_set.checks[name]
@@ -57,7 +57,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         if known and before is not None:
             found = stored_findings(known, before, wanted)
         else:
-            found = ask(each.plugin, name, each.check, trial)
+            found = ask(each.plugin, name, each.check, trial, words=prepared.words)
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -66,7 +66,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         scopes=_scopes(trial, prepared.rule_set),
         window=trial.window,
         orders={item.id: announced_s(item) for item in trial.work},
-        coverage=tuple(_coverage(signal, trial.window) for signal in trial.signals.values()),
+        coverage=tuple(_coverage(signal, trial.window) for signal in trial.sampled),
         log_defects=trial.log_defects,
         unrecorded=trial.unrecorded,
         witnessed=tuple(sorted(trial.witnessed)),
@@ -113,7 +113,7 @@ def _named(competition: Check | None) -> tuple[str, Mapping[str, Any]] | None:
 def _refuse_recorded_units(trial: Trial, name: str, needs: Iterable[SignalNeed]) -> None:
     """Refuse a log of which a check would take numbers in one unit for numbers in another."""
     units = {need.quantity: need.unit for need in needs}
-    for signal in trial.signals.values():
+    for signal in trial.sampled:
         unit = units.get(quantity_of(signal.name), signal.unit)
         if unit != signal.unit:
             raise LogError(
@@ -144,8 +144,7 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
         moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    words = getattr(prepared.competition.check, "words", {}) if prepared.competition else {}
-    return sketch_of(trial, charts, moments, words)
+    return sketch_of(trial, charts, moments, prepared.words.spoken)
 
 
 def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
@@ -215,10 +214,10 @@ def _announced_as(trial: Trial) -> dict[str, int]:
     return {names[place]: i for i, place in enumerate([*(place for _, place in announced), *never])}
 
 
-def _coverage(signal: Signal, window: Span | None) -> Coverage:
+def _coverage(signal: Signal | Series, window: Span | None) -> Coverage:
     span = signal.span
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
-    largest_gap_s = longest_silence_s(signal.t, window) if window else 0.0
+    largest_gap_s = longest_silence_s(distinct(signal.t), window) if window else 0.0
     return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
 
 

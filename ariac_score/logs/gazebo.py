@@ -718,6 +718,7 @@ class GazeboStateReader:
             LogError: A complete chunk is corrupt, there is not one whole frame, or
                 time runs back so far that the file holds two recordings.
         """
+        wanted.log_map.refuse_unfilled()
         models, reader = wanted.log_map.models, wanted.tracks
         positions = "position" in wanted.quantities
 

@@ -120,6 +120,7 @@ class JsonLinesReader:
         builder = TrialBuilder(path.stem, file=path, clock=_UNNAMED_CLOCK)
         columns = _Columns()
         units: dict[str, str] = {}
+        as_consumed: set[str] = set()
         size = max(path.stat().st_size, 1)
         low, high = math.inf, -math.inf
         kinds = _Kinds()
@@ -133,6 +134,7 @@ class JsonLinesReader:
                         columns.t[name].append(record["t_s"])
                         columns.values[name].append(value)
             else:
+                as_consumed |= set(record.get("as_consumed", ()))
                 units |= {name: q["unit"] for name, q in record.get("quantities", {}).items()}
                 try:
                     _take(builder, record, kinds, f"{path.name}, record {done + 1}")
@@ -143,7 +145,8 @@ class JsonLinesReader:
         for name in sorted(columns.t):
             _check_bodies(path, name, builder.bodies)
             unit = units.get(quantity_of(name)) or QUANTITIES[quantity_of(name)].unit
-            builder.add_signal(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
+            add = builder.add_series if name in as_consumed else builder.add_signal
+            add(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
         if low <= high:
             builder.recorded = Span(low, high)
         return builder.build()

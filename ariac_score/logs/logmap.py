@@ -158,7 +158,7 @@ def _parsed(document: YamlDocument) -> LogMap:
     bodies = {
         key: Body(key, b["kind"], float(b.get("radius_m", 0.0))) for key, b in data.get("bodies", {}).items()
     }
-    return LogMap(
+    log_map = LogMap(
         id=data["id"],
         channels=tuple(_channel(document, i, c, bodies) for i, c in enumerate(data.get("channels", []))),
         bodies=tuple(bodies.values()),
@@ -170,7 +170,10 @@ def _parsed(document: YamlDocument) -> LogMap:
         tracks=_plugin_use(document, "tracks"),
         competition=_plugin_use(document, "competition"),
         sha256=document.sha256,
+        file=str(document.file),
     )
+    log_map.refuse_stray_braces()
+    return log_map
 
 
 def _quantities(document: YamlDocument) -> dict[str, Quantity]:
@@ -227,6 +230,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
+        as_consumed=data.get("as_consumed", False),
     )
 
 

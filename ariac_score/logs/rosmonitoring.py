@@ -467,7 +467,8 @@ class _Intake:
         # A topic is recorded if events of either clock are, except motion, which needs its times.
         builder.unrecorded = sorted({*builder.unrecorded} & {*untimed.unrecorded})
         builder.unrecorded += [
-            f"signal {s}: stamped in {name}, the motion in {main}" for s in untimed.signals
+            f"signal {s}: stamped in {name}, the motion in {main}"
+            for s in (*untimed.signals, *untimed.as_consumed)
         ]
         builder.defect("other_clock", name, clock.events, _other_clock(name, main))
 
@@ -484,8 +485,9 @@ def _timeless(trial: Trial) -> Trial:
         work=at_times(trial.work, lambda _t_s: None),
         events=tuple(event for event in trial.events if event.kind not in TIMED_EVENTS),
         signals={},
+        as_consumed={},
         recorded=None,
-        unrecorded=(*trial.unrecorded, *(f"signal {name}: it has no times" for name in trial.signals)),
+        unrecorded=(*trial.unrecorded, *(f"signal {one.name}: it has no times" for one in trial.sampled)),
         clocks=(),
     )
 

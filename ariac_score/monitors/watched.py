@@ -282,7 +282,7 @@ def watch_subjects(
         try:
             # To the end before anything is stated: half a judgement is none.
             judged = list(judge(watched))
-        except UndecidedError as undecided:
+        except (UndecidedError, MissingSignalError) as undecided:
             yield Finding.inconclusive(subject.name, str(undecided), span=trial.window, clause=clause)
         else:
             yield from judged
@@ -299,9 +299,9 @@ def _watched(
     names = {template: subject.fill(template) for template in wanted}
     signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
     helpful = {
-        template: trial.signal(name, unit=unit)
+        template: signal
         for template, unit in optional.items()
-        if (name := subject.fill(template)) in trial.signals
+        if (signal := trial.find_signal(subject.fill(template), unit=unit)) is not None
     }
     return watched_signals(signals, max_gap_s, trial, subject, names=names, optional=helpful)
 
@@ -342,8 +342,11 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
 
     Returns:
         The state, or `None` when the log has neither.
+
+    Raises:
+        MissingSignalError: The flag is there as consumed only.
     """
-    signal = trial.signals.get(f"{name}/{body}")
+    signal = trial.find_signal(f"{name}/{body}")
     if signal is not None and len(signal):
         # A flag stamped at the same instant counts, though both stamps may differ in their last bits.
         before = np.searchsorted(signal.t, t + TOLERANCE_S, side="right") - 1

@@ -151,19 +151,22 @@ class RulesBench:
 def _why_later(check: object, log_map: LogMap) -> str:
     """Why a check cannot be judged event by event; empty where it can."""
     if not isinstance(check, Monitor):
-        return "rules judge whole orders"
+        return "rules judge whole items of work"
     if not isinstance(check, OnlineMonitor):
         return "its monitor watches whole trials only"
     needs = {need.quantity for need in check.needs() if not need.optional}
-    lacking = sorted(needs - {quantity_of(f.signal) for c in log_map.channels for f in c.signals})
+    lacking = sorted(needs - {quantity_of(f.signal) for f in _fields(log_map)})
     return f"no topic gives its {' and '.join(lacking)} as they are" if lacking else ""
 
 
 def _signals_for(check: OnlineMonitor, log_map: LogMap) -> frozenset[str]:
     needs = {need.quantity for need in check.needs() if not need.optional}
-    return frozenset(
-        f.signal for channel in log_map.channels for f in channel.signals if quantity_of(f.signal) in needs
-    )
+    return frozenset(f.signal for f in _fields(log_map) if quantity_of(f.signal) in needs)
+
+
+def _fields(log_map: LogMap) -> Iterator[FieldMap]:
+    """What is watched over time: not what is as consumed, which has no time to watch it over."""
+    return (f for channel in log_map.channels if not channel.as_consumed for f in channel.signals)
 
 
 @dataclass(frozen=True)

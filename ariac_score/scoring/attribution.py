@@ -12,7 +12,7 @@ numbers with which the score itself is computed, so that both take the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
@@ -39,6 +39,7 @@ __all__ = [
     "Sum",
     "exactly",
     "flow",
+    "priced",
     "truth",
 ]
 
@@ -110,6 +111,14 @@ class Node:
         return [(child, 1) for child in self.moving(step)]
 
     @property
+    def linear(self) -> bool:
+        """Whether each of its changes is that of its children, each times a number that nothing moves."""
+        return not any(self.moves) or self._linear()
+
+    def _linear(self) -> bool:
+        return False
+
+    @property
     def hides(self) -> str:
         """Why a change in a child may not show in it."""
         return self._hides.format(label=self.label)
@@ -178,6 +187,9 @@ class Leaf(Node):
         self.steps = gate or not any(self.moves)
         self.of_trial = of_trial
 
+    def _linear(self) -> bool:
+        return self.function != "product"
+
 
 class Named(Node):
     """A term, or what a formula gives in one scope.
@@ -192,6 +204,9 @@ class Named(Node):
     def __init__(self, label: str, inner: Node, subject: str = "", *, scope: bool = False) -> None:
         super().__init__(label, (inner,), inner.numbers, inner.exact)
         self.subject, self.scope = subject, scope
+
+    def _linear(self) -> bool:
+        return True
 
 
 class Sum(Node):
@@ -216,6 +231,9 @@ class Sum(Node):
         self.terms, self.constant = tuple(flat), constant
         exact = [constant + sum(by * node.exact[world] for by, node in flat) for world in range(len(numbers))]
         super().__init__(label, tuple(node for _, node in flat), numbers, exact)
+
+    def _linear(self) -> bool:
+        return True
 
     def _slopes(self, step: int) -> list[tuple[Node, Exact]]:
         return [(node, by) for by, node in self.terms if node.moves[step]]
@@ -277,6 +295,11 @@ class Product(Node):
         if world == 0 and node in self.measured_against:
             return 1
         return _power(node.exact[world], self.factors[node])
+
+    def _linear(self) -> bool:
+        moving = [[n for n in self.factors if n.moves[step]] for step in range(len(self.moves))]
+        powers = {self.factors[node] for nodes in moving for node in nodes}
+        return powers == {1} and max(map(len, moving)) == 1 and not self.measured_against
 
     _hides = "there was nothing that it could change"
 
@@ -376,6 +399,9 @@ class Extreme(Node):
         exact = [choose(node.exact[world] for node in self.among) for world in range(len(numbers))]
         super().__init__(label, tuple(among), numbers, exact)
 
+    def _linear(self) -> bool:
+        return self.bounded is not None
+
     _hides = "hidden by {label}"
 
     @property
@@ -408,6 +434,9 @@ class Choice(Node):
         numbers = [node.numbers[world] for world, node in enumerate(chosen)]
         exact = [node.exact[world] for world, node in enumerate(chosen)]
         super().__init__(label, (condition, first, second), numbers, exact)
+
+    def _linear(self) -> bool:
+        return not any(self.children[0].moves)
 
     _hides = "not in force: {label}"
 
@@ -678,13 +707,35 @@ class Flow:
         return ((node, slope) for node, slope in self.slopes.items() if isinstance(node, Leaf))
 
 
-def flow(root: Node, step: int, *, nominal: bool = False) -> Flow:
+def priced(root: Node) -> frozenset[Extreme]:
+    """The caps and floors beside which the rule's own price is known: what things would cost without them.
+
+    That is so where all above and below is added up and multiplied with what does not change, as in
+    `min(80, 30 * points(x))`. In a quotient, or beside another factor that changes, nobody knows a price.
+    """
+    nodes = _parents_first(root)
+    if not any(isinstance(node, Extreme) and any(node.moves) for node in nodes):
+        return frozenset()
+    below: dict[Node, bool] = {}
+    for node in reversed(nodes):
+        below[node] = node.linear and all(below[child] for child in node.children)
+    above, found = {root: True}, set()
+    for node in nodes:
+        through = above[node] and (below[node] if isinstance(node, Extreme) else node.linear)
+        if through and isinstance(node, Extreme):
+            found.add(node)
+        for child in node.children:
+            above[child] = above.get(child, True) and through
+    return frozenset(found)
+
+
+def flow(root: Node, step: int, *, without: Collection[Extreme] = ()) -> Flow:
     """Pass slopes down, each node once, however often it is used.
 
     Args:
         root: The whole.
         step: 0 for the step from the first world to the second, and so on.
-        nominal: Whether caps and floors let everything through, and are told in `bounds`.
+        without: Caps and floors that let everything through, and are told in `bounds`.
     """
     slopes: dict[Node, Exact] = {root: 1}
     hidden: dict[Node, str] = {}
@@ -694,7 +745,7 @@ def flow(root: Node, step: int, *, nominal: bool = False) -> Flow:
         if not node.moves[step] or node not in slopes:
             continue
         passed = node.slopes(step)
-        if nominal and isinstance(node, Extreme) and (bounded := node.bounded):
+        if isinstance(node, Extreme) and node in without and (bounded := node.bounded):
             bounds[node] = slope * (node.change(step) - bounded.change(step))
             passed = [(bounded, 1)] if bounded.moves[step] else []
         for child, by in passed:

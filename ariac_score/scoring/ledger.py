@@ -31,6 +31,7 @@ from ariac_score.scoring.attribution import (
     Product,
     Sum,
     flow,
+    priced,
 )
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 from ariac_score.scoring.worlds import EARNED, KEPT, NOTHING, TAKEN
@@ -199,6 +200,7 @@ class _Pieces:
         self.room = _MOST_LINES
         self.caps: dict[Extreme, Exact] = {}
         self.told: set[str] = set()
+        self.priced = priced(tree)
 
     def whole(self, score: Traced) -> _Piece:
         """The root: what was earned, what was taken, which bounds held, what changed nothing."""
@@ -347,15 +349,18 @@ class _Pieces:
                 inner = self._content(other, earning.times(slopes[other]), _NONE)
                 pieces.append(self._with_children(other.label, "", inner, subject=_subject(other)))
             return pieces
-        # By the rule's price the bound is not there; what it took back is a line of its own.
-        back = given.nominal * (node.exact[NOTHING] - bounded.exact[NOTHING])
-        back += earning.nominal * (node.change(EARNED) - bounded.change(EARNED))
-        self.caps[node] = self.caps.get(node, 0) + back
-        rate = _Rate(earning.effective * slopes.get(bounded, 0), earning.nominal)
-        own = _Rate(given.effective if chosen is bounded else 0, given.nominal)
+        known = node in self.priced
+        rate = earning.times(slopes.get(bounded, 0))
+        own = given if chosen is bounded else _NONE
+        if known:
+            # By the rule's price the bound is not there; what it took back is a line of its own.
+            back = given.nominal * (node.exact[NOTHING] - bounded.exact[NOTHING])
+            back += earning.nominal * (node.change(EARNED) - bounded.change(EARNED))
+            self.caps[node] = self.caps.get(node, 0) + back
+            rate, own = _Rate(rate.effective, earning.nominal), _Rate(own.effective, given.nominal)
         pieces = self._content(bounded, rate, own)
         if chosen is not bounded:
-            pieces += self._base(chosen, _Rate(given.effective, 0))
+            pieces += self._base(chosen, _Rate(given.effective, 0 if known else given.nominal))
         return pieces
 
     def _leaf(self, node: Leaf, earning: _Rate, given: _Rate) -> list[_Piece]:
@@ -386,7 +391,8 @@ class _Pieces:
     # What was taken --------------------------------------------------------------------
 
     def _taken(self) -> _Piece:
-        effective, nominal = flow(self.tree, TAKEN), flow(self.tree, TAKEN, nominal=True)
+        effective = flow(self.tree, TAKEN)
+        nominal = flow(self.tree, TAKEN, without=self.priced) if self.priced else effective
         self.hidden = effective.hidden
         for node, back in nominal.bounds.items():
             self.caps[node] = self.caps.get(node, 0) + back

@@ -186,7 +186,8 @@ class _CheckedReader:
             raise self.broken("changed the log it read")
 
     def units_declared(self) -> None:
-        for name, signal in self.read().signals.items():
+        for signal in self.read().sampled:
+            name = signal.name
             known = QUANTITIES.get(quantity_of(name))
             if not signal.unit:
                 raise self.broken(f"brings {name!r} without a unit; 1 is one too")
@@ -198,10 +199,10 @@ class _CheckedReader:
     def times_inside(self) -> None:
         trial = self.read()
         times = [event.t_s for event in trial.events] + [s.submitted_s for s in trial.submissions]
-        for span in (signal.span for signal in trial.signals.values()):
+        for span in (signal.span for signal in trial.sampled):
             times += [span.start_s, span.end_s] if span else []
         # Orders and official results alone need no recording.
-        if trial.recorded is None and trial.signals:
+        if trial.recorded is None and trial.sampled:
             raise self.broken("brings signals, but not when the recording began and ended")
         for t_s in times if trial.recorded else ():
             if trial.recorded and not trial.recorded.start_s - 1e-9 <= t_s <= trial.recorded.end_s + 1e-9:

@@ -30,8 +30,15 @@ def write_trial_log(path: Path, trial: Trial, *, signals: Iterable[str] | None =
     Returns:
         The path.
     """
-    names = sorted(trial.signals if signals is None else signals)
-    records = [*_head(trial), *_timed([trial.signals[name] for name in names], trial)]
+    names = sorted([*trial.signals, *trial.as_consumed] if signals is None else signals)
+    records = [
+        *_head(trial),
+        *_timed([trial.signals[name] for name in names if name in trial.signals], trial),
+    ]
+    # Last, and not in order of time: the order of the lines is that of consumption.
+    for series in (trial.as_consumed[name] for name in names if name in trial.as_consumed):
+        for t_s, value in zip(series.t.tolist(), series.values.tolist(), strict=True):
+            records.append({"record": "sample", "t_s": t_s, "values": {series.name: value}})
     records.append({"record": "end", "records": len(records) + 1})
     path.write_text("".join(json.dumps(record) + "\n" for record in records), encoding="utf-8")
     return path
@@ -45,6 +52,7 @@ def _head(trial: Trial) -> Iterator[dict[str, Any]]:
         "clock": trial.clock,
         "witnessed": sorted(trial.witnessed),
         **({"facts": dict(trial.facts)} if trial.facts else {}),
+        **({"as_consumed": sorted(trial.as_consumed)} if trial.as_consumed else {}),
     }
     for body in trial.bodies:
         yield {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Protocol, TypeVar
@@ -15,7 +15,7 @@ from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.shift import shifted
-from ariac_score.trial.signals import Signal, settle
+from ariac_score.trial.signals import Series, Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 from ariac_score.trial.work import (
@@ -72,6 +72,7 @@ class TrialBuilder:
         self.events: list[Event] = []
         self.bodies: dict[str, Body] = {}
         self.signals: dict[str, Signal] = {}
+        self.as_consumed: dict[str, Series] = {}
         self.team: TeamSetup | None = None
         self.official: OfficialResult | None = None
         self.witnessed: set[str] = set()
@@ -123,12 +124,7 @@ class TrialBuilder:
             LogError: Time runs back so far that the file must hold two recordings,
                 or the signal was there already.
         """
-        if name in self.signals:
-            raise LogError(
-                f"signal {name!r} is recorded twice",
-                file=self.file,
-                hint="the log map leads two topics to one signal; map one of them, or record one of them",
-            )
+        self._refuse_recorded(name)
         known = QUANTITIES.get(quantity_of(name))  # a log may declare quantities of its own
         settled = settle(
             np.asarray(t, dtype=np.float64),
@@ -147,6 +143,33 @@ class TrialBuilder:
         if len(settled.t):
             self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
 
+    def add_series(
+        self, name: str, unit: str, t: FloatArray, values: FloatArray, *, source: str = ""
+    ) -> None:
+        """Take a series as consumed: as it is, in this order, whatever its stamps are.
+
+        Raises:
+            LogError: A number is not finite, for leaving one out would change what follows; or
+                something of that name was there already.
+        """
+        self._refuse_recorded(name)
+        try:
+            series = Series(name, unit, t, values, source)
+        except ValueError as cause:
+            raise LogError(
+                str(cause), file=self.file, hint="nothing is left out of a series as consumed"
+            ) from None
+        if len(series):
+            self.as_consumed[name] = series
+
+    def _refuse_recorded(self, name: str) -> None:
+        if name in self.signals or name in self.as_consumed:
+            raise LogError(
+                f"signal {name!r} is recorded twice",
+                file=self.file,
+                hint="the log map leads two topics to one signal; map one of them, or record one of them",
+            )
+
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         return Trial(
@@ -162,10 +185,15 @@ class TrialBuilder:
             unrecorded=tuple(sorted(self.unrecorded)),
             log_defects=tuple(self._defects[k] for k in sorted(self._defects)),
             clocks=() if self.clock is None else (self.clock,),
-            recorded=self.recorded or _span_of(self.signals.values(), self.events, self.submissions),
+            recorded=self.recorded or _span_of(self._sampled, self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
             records=tuple(self.records),
+            as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
         )
+
+    @property
+    def _sampled(self) -> tuple[Signal | Series, ...]:
+        return (*self.signals.values(), *self.as_consumed.values())
 
 
 def _refuse_repeated_ids(item: WorkItem, file: object) -> None:
@@ -183,9 +211,9 @@ def _refuse_repeated_ids(item: WorkItem, file: object) -> None:
 
 
 def _span_of(
-    signals: Iterable[Signal], events: Iterable[Event], submissions: Iterable[Submission]
+    sampled: Iterable[Signal | Series], events: Iterable[Event], submissions: Iterable[Submission]
 ) -> Span | None:
-    times = [float(t) for s in signals for t in (s.t[0], s.t[-1])]
+    times = [t_s for s in sampled if s.span for t_s in (s.span.start_s, s.span.end_s)]
     times += [e.t_s for e in events] + [s.submitted_s for s in submissions]
     return Span(min(times), max(times)) if times else None
 
@@ -229,11 +257,13 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
     """
     parts = _on_one_clock(parts)  # first, for everything below compares times
     spans = [p.recorded for p in parts if p.recorded]
+    _columns([columns for p in parts for columns in (p.signals, p.as_consumed)], file)  # no name is both
     merged = Trial(
         id=trial_id,
         events=tuple(sorted({e for p in parts for e in p.events})),
         bodies=_bodies(parts, file),
-        signals=_signals(parts, file),
+        signals=_columns([part.signals for part in parts], file),
+        as_consumed=_columns([part.as_consumed for part in parts], file),
         team=_team([p.team for p in parts if p.team], file),
         official=only("an official result", [p.official for p in parts if p.official], file),
         witnessed=frozenset(w for p in parts for w in p.witnessed),
@@ -375,7 +405,7 @@ def _on_clock_of(main: Trial, part: Trial) -> Trial:
 
 def _timed_contents(part: Trial) -> tuple[int, int]:
     """How much of a part is worth nothing on another clock: signals first, then contents."""
-    return len(part.signals), sum(1 for s in part.submissions if s.detailed)
+    return len(part.sampled), sum(1 for s in part.submissions if s.detailed)
 
 
 def _without_times(part: Trial, main: Trial) -> Trial:
@@ -397,6 +427,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         submissions=tuple(replace(s, submitted_s=end_s) for s in part.submissions),
         work=at_times(part.work, lambda _t_s: None),
         signals={},
+        as_consumed={},
         recorded=None,
         records=tuple(record for record in part.records if not record.timed),
         clocks=(),
@@ -431,16 +462,16 @@ def _bodies(parts: Sequence[Trial], file: object) -> tuple[Body, ...]:
     return tuple(bodies[name] for name in sorted(bodies))
 
 
-def _signals(parts: Sequence[Trial], file: object) -> dict[str, Signal]:
-    signals: dict[str, Signal] = {}
-    for part in parts:
-        for name, signal in part.signals.items():
-            if name in signals:
-                raise LogError(
-                    f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial"
-                )
-            signals[name] = signal
-    return {name: signals[name] for name in sorted(signals)}
+_Column = TypeVar("_Column", bound="Signal | Series")
+
+
+def _columns(found: Sequence[Mapping[str, _Column]], file: object) -> dict[str, _Column]:
+    columns: dict[str, _Column] = {}
+    for name, column in (item for each in found for item in each.items()):
+        if name in columns:
+            raise LogError(f"two logs record the signal {name!r}", file=file, hint="a bundle is one trial")
+        columns[name] = column
+    return {name: columns[name] for name in sorted(columns)}
 
 
 def only(what: str, found: Sequence[_T], file: object) -> _T | None:

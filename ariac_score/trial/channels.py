@@ -5,15 +5,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+from ariac_score.errors import LogMapError
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
+from ariac_score.trial.work import Fact
 
 __all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap", "PluginUse"]
+
+_NAMED = re.compile(r"\{([a-z][a-z0-9_]*)\}")
+"""A fact of the trial within a name."""
+_SPECIAL = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,7 @@ class Channel:
         decoder: Name of the plugin that turns its messages into work, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
+        as_consumed: Whether its signals are series, every value in the order of the recording; see `Series`.
     """
 
     topic: str
@@ -55,6 +63,7 @@ class Channel:
     decoder: str = ""
     witnesses: tuple[str, ...] = ()
     optional: bool = False
+    as_consumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -121,6 +130,7 @@ class LogMap:
         tracks: What sees more in poses of models than motion.
         competition: Whose logs they are; it joins what several logs of a trial say.
         sha256: Hash of the file it came from; empty for one made in memory.
+        file: The file it came from, for error messages.
     """
 
     id: str
@@ -134,6 +144,99 @@ class LogMap:
     tracks: PluginUse | None = None
     competition: PluginUse | None = None
     sha256: str = ""
+    file: str = field(default="", compare=False)
+
+    def filled(self, facts: Mapping[str, Fact]) -> LogMap:
+        """The map with `{name}` in names of frames, models, topics and fields filled from facts of a trial.
+
+        What no fact fills stays as it is; see `refuse_unfilled`.
+
+        Args:
+            facts: Of the trial, as its configuration states them.
+
+        Raises:
+            LogMapError: A fact is there, but is no text.
+        """
+        if not any(_NAMED.search(text) for _, text in self._names()):
+            return self
+
+        def plain(text: str) -> str:
+            return _NAMED.sub(lambda named: self._text_of(named, facts), text)
+
+        def pattern(text: str) -> str:  # a fact is a name, whatever characters of patterns it holds
+            return _NAMED.sub(lambda named: _SPECIAL.sub(r"[\g<0>]", self._text_of(named, facts)), text)
+
+        def match(one: BodyMatch) -> BodyMatch:
+            return replace(one, match=pattern(one.match), links=tuple(map(pattern, one.links)))
+
+        def channel(one: Channel) -> Channel:
+            signals = (replace(f, fields=tuple(map(plain, f.fields))) for f in one.signals)
+            return replace(one, topic=plain(one.topic), signals=tuple(signals))
+
+        return replace(
+            self,
+            root_frame=plain(self.root_frame),
+            models=tuple(map(match, self.models)),
+            frames=tuple(map(match, self.frames)),
+            channels=tuple(map(channel, self.channels)),
+        )
+
+    def refuse_unfilled(self) -> None:
+        """Refuse a map that names a fact which nobody stated.
+
+        Raises:
+            LogMapError: With the key and the fact.
+        """
+        for key, text in self._names():
+            if named := _NAMED.search(text):
+                raise LogMapError(
+                    f"{text!r} names the fact {named[1]!r}, which no file of the trial states",
+                    file=self.file or self.id,
+                    place=key,
+                    hint="lay the trial's configuration beside the recording, or write the name itself",
+                )
+
+    def refuse_stray_braces(self) -> None:
+        """Refuse a map in which braces hold something else than the name of a fact.
+
+        Raises:
+            LogMapError: With the key.
+        """
+        for key, text in self._names():
+            if set("{}") & set(_NAMED.sub("", text)):
+                raise LogMapError(
+                    f"the braces of {text!r} hold no name of a fact",
+                    file=self.file or self.id,
+                    place=key,
+                    hint="write such as {cable}: small letters, digits and _",
+                )
+
+    def _names(self) -> Iterator[tuple[str, str]]:
+        """The names of frames, models, topics and fields, with their keys."""
+        yield "$.root_frame", self.root_frame
+        for section, entries in (("models", self.models), ("frames", self.frames)):
+            for i, one in enumerate(entries):
+                yield f"$.{section}[{i}].match", one.match
+                yield from ((f"$.{section}[{i}].links", link) for link in one.links)
+        for i, channel in enumerate(self.channels):
+            yield f"$.channels[{i}].topic", channel.topic
+            for signal in channel.signals:
+                yield from ((f"$.channels[{i}].signals.{signal.signal}", path) for path in signal.fields)
+
+    def _text_of(self, named: re.Match[str], facts: Mapping[str, Fact]) -> str:
+        if named[1] not in facts:
+            return named[0]
+        value = facts[named[1]]
+        if not isinstance(value, str):
+            key = next(key for key, text in self._names() if text == named.string)
+            stated = "known to be absent" if value is None else f"{value:g}"
+            raise LogMapError(
+                f"{named.string!r} names the fact {named[1]!r}, which is {stated} and no text",
+                file=self.file or self.id,
+                place=key,
+                hint="only a fact that is a text can stand in a name",
+            )
+        return value
 
     def channels_for(self, quantities: Iterable[str]) -> tuple[Channel, ...]:
         """The channels worth decoding when only these quantities are wanted.

@@ -359,6 +359,7 @@ class _Deriver:
     ) -> None:
         self.bodies = {body.id: body for body in trial.bodies}
         self.signals: dict[str, Signal] = dict(trial.signals)
+        self.as_consumed = trial.as_consumed
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
         self.brought = brought
@@ -375,6 +376,8 @@ class _Deriver:
         """The recorded or derived signal; `None` when it cannot be had."""
         if name in self.signals:
             return self.signals[name]
+        if name in self.as_consumed:  # recorded, so nothing replaces it
+            return None
         quantity, _, subject = name.partition("/")
         # One signal serves all monitors, so the strictest of their gaps counts.
         max_gap_s = min(max_gap_s, self.shortest_gaps_s.get(quantity, max_gap_s))
@@ -443,7 +446,8 @@ class _Deriver:
         velocities = [self.get(f"velocity/{point}", max_gap_s) for point in points]
         present = [signal for signal in velocities if signal is not None]
         # The origin may be missing (many logs follow links only), a link may not: it may be the fastest.
-        if len(present) < len(points) - (f"position/{subject}" not in self.signals) or not present:
+        origin = f"position/{subject}" in self.signals or f"position/{subject}" in self.as_consumed
+        if len(present) < len(points) - (not origin) or not present:
             return None
         t = common_times(present, max_gap_s=max_gap_s)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
-from ariac_score.trial.signals import LARGEST_VALUE, Signal, align, columns_of
+from ariac_score.trial.signals import LARGEST_VALUE, Series, Signal, align, columns_of
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.work import Fact, Record, Submission, WorkItem, announced_s, checked_facts
 
@@ -214,6 +214,15 @@ class LogDefect:
             raise ValueError(f"defect {self.kind!r} of {self.where!r} has a count of {self.count}")
 
 
+_Column = TypeVar("_Column", Signal, Series)
+
+
+def _in_unit(column: _Column, unit: str) -> _Column:
+    if column.unit != unit:
+        raise LogError(f"signal {column.name!r} is in {column.unit!r}, the check asks for {unit!r}")
+    return column
+
+
 # eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -229,6 +238,7 @@ class Trial:
         events: In order of time.
         bodies: What moves: robots, humans, whatever the log map names.
         signals: By name.
+        as_consumed: By name, what a reader delivers in the order in which an official program takes it.
         team: What the team brought; `None` when no log says.
         official: The official scorer's own result, when the bundle holds it.
         witnessed: Kinds of things this log would have shown had they happened:
@@ -243,7 +253,7 @@ class Trial:
         records: What the readers of a competition keep for its own checks; the core never looks inside.
 
     Raises:
-        ValueError: A fact is not finite.
+        ValueError: A fact is not finite, or a name is that of a signal and of a series.
     """
 
     id: str
@@ -261,25 +271,53 @@ class Trial:
     recorded: Span | None = None
     facts: Mapping[str, Fact] = field(default_factory=lambda: FrozenMap({}))
     records: tuple[Record, ...] = ()
+    as_consumed: Mapping[str, Series] = field(default_factory=lambda: FrozenMap({}))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))
+        object.__setattr__(self, "as_consumed", FrozenMap(dict(self.as_consumed)))
+        if both := sorted(self.signals.keys() & self.as_consumed.keys()):
+            raise ValueError(f"{both[0]!r} is given as a signal and as consumed")
         object.__setattr__(self, "facts", FrozenMap(dict(checked_facts(self.facts, self.id))))
 
     def signal(self, name: str, *, unit: str) -> Signal:
         """The signal of that name.
 
         Raises:
-            MissingSignalError: It is not in the log.
+            MissingSignalError: It is not in the log, or only as consumed (see `series`).
             LogError: It is there in another unit.
         """
-        try:
-            signal = self.signals[name]
-        except KeyError:
-            raise MissingSignalError(name, self.signals) from None
-        if signal.unit != unit:
-            raise LogError(f"signal {name!r} is in {signal.unit!r}, the check asks for {unit!r}")
-        return signal
+        if name not in self.signals:
+            raise MissingSignalError(name, self.signals, self.as_consumed)
+        return _in_unit(self.signals[name], unit)
+
+    def find_signal(self, name: str, *, unit: str = "") -> Signal | None:
+        """The signal of that name, in any unit unless one is given; `None` when the log has none.
+
+        Raises:
+            MissingSignalError: The log has it only as consumed, so that nothing else may stand in for it.
+            LogError: It is there in another unit.
+        """
+        if name in self.as_consumed:
+            raise MissingSignalError(name, self.signals, self.as_consumed)
+        found = self.signals.get(name)
+        return found if found is None or not unit else _in_unit(found, unit)
+
+    def series(self, name: str, *, unit: str) -> Series:
+        """The series of that name, as consumed.
+
+        Raises:
+            MissingSignalError: The log has none of that name; signals are no series.
+            LogError: It is there in another unit.
+        """
+        if name not in self.as_consumed:
+            raise MissingSignalError(name, self.as_consumed)
+        return _in_unit(self.as_consumed[name], unit)
+
+    @property
+    def sampled(self) -> tuple[Signal | Series, ...]:
+        """Everything that has samples: the signals, then the series as consumed."""
+        return (*self.signals.values(), *self.as_consumed.values())
 
     def to_frame(self, *names: str, max_gap_s: float = math.inf) -> Any:
         """Signals side by side as a `pandas.DataFrame`: one row for each time that all of them cover.
@@ -296,7 +334,7 @@ class Trial:
         """
         for name in names:
             if name not in self.signals:
-                raise MissingSignalError(name, self.signals)
+                raise MissingSignalError(name, self.signals, self.as_consumed)
         chosen = [self.signals[name] for name in names or self.signals]
         t, values = align(chosen, max_gap_s=max_gap_s) if chosen else (np.empty(0), [])
         columns: dict[str, FloatArray] = {"t_s": t}

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ariac_score.errors import MissingSignalError
 from ariac_score.trial.frames import frame
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
 
 __all__ = [
     "LARGEST_VALUE",
     "Sample",
+    "Series",
     "Signal",
     "align",
     "columns_of",
@@ -65,14 +67,9 @@ class Signal:
     source: str = ""
 
     def __post_init__(self) -> None:
-        t = np.asarray(self.t, dtype=np.float64)
-        values = np.asarray(self.values, dtype=np.float64)
-        if t.ndim != 1 or values.ndim not in (1, 2) or len(values) != len(t):
-            raise ValueError(f"signal {self.name!r}: times {t.shape} and values {values.shape} do not fit")
+        t, values = _checked_columns(self.name, self.t, self.values)
         if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
             raise ValueError(f"signal {self.name!r}: times must be finite and strictly increasing")
-        if not np.isfinite(values).all():
-            raise ValueError(f"signal {self.name!r}: values must be finite")
         object.__setattr__(self, "t", sealed(t))
         object.__setattr__(self, "values", sealed(values))
 
@@ -123,9 +120,81 @@ class Signal:
 
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""
-        value = self.values[i]
-        plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
-        return Sample(self.name, float(self.t[i]), plain, self.unit)
+        return _sample_of(self, i)
+
+
+# Not a `Signal`: whatever relies on increasing times then never takes one for a signal.
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A named quantity as consumed: in the order in which an official program takes its values.
+
+    Stamps may repeat and run back, and nothing is merged, sorted or left out, for the program counts
+    every value. Values go by index; there is no value between two of them.
+
+    Attributes:
+        name: `quantity/subject`, see `ariac_score.trial.vocabulary`.
+        unit: SI unit of every value.
+        t: Stamps in order of consumption, shape (n,), s of trial time.
+        values: Shape (n,) or (n, k), finite.
+        source: Where it was recorded, such as the topic; empty when unknown.
+
+    Raises:
+        ValueError: Shapes do not fit, or a number is not finite.
+
+    >>> force = Series("force/arm", "N", np.array([0.0, 0.1, 0.1]), np.array([3.0, 4.0, 5.0]))
+    >>> len(force), force.values[2]
+    (3, 5.0)
+    """
+
+    name: str
+    unit: str
+    t: FloatArray
+    values: FloatArray
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        t, values = _checked_columns(self.name, self.t, self.values)
+        if not np.isfinite(t).all():
+            raise ValueError(f"series {self.name!r}: times must be finite")
+        object.__setattr__(self, "t", sealed(t))
+        object.__setattr__(self, "values", sealed(values))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def span(self) -> Span | None:
+        """From the earliest to the latest stamp; `None` when there is no sample."""
+        return Span(float(self.t.min()), float(self.t.max())) if len(self.t) else None
+
+    @property
+    def identity(self) -> tuple[int, int]:
+        """Differs between series that exist at the same time unless they share times and values."""
+        return id(self.t), id(self.values)
+
+    def sample(self, i: int) -> Sample:
+        """The i-th sample, as evidence."""
+        return _sample_of(self, i)
+
+
+def _checked_columns(name: str, t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times and values as arrays of float64 that fit each other.
+
+    Raises:
+        ValueError: They do not fit, or a value is not finite.
+    """
+    t, values = np.asarray(t, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if t.ndim != 1 or values.ndim not in (1, 2) or len(values) != len(t):
+        raise ValueError(f"signal {name!r}: times {t.shape} and values {values.shape} do not fit")
+    if not np.isfinite(values).all():
+        raise ValueError(f"signal {name!r}: values must be finite")
+    return t, values
+
+
+def _sample_of(column: Signal | Series, i: int) -> Sample:
+    value = column.values[i]
+    plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
+    return Sample(column.name, float(column.t[i]), plain, column.unit)
 
 
 def columns_of(name: str, values: FloatArray) -> dict[str, FloatArray]:
@@ -178,7 +247,13 @@ def common_times(signals: Sequence[Signal], *, max_gap_s: float) -> FloatArray:
     Args:
         signals: At least one.
         max_gap_s: Longest stretch between two samples that is interpolated, s.
+
+    Raises:
+        MissingSignalError: One is a series as consumed.
     """
+    for signal in signals:
+        if isinstance(signal, Series):
+            raise MissingSignalError(signal.name, (), as_consumed=(signal.name,))
     # By identity first: signals of one message share one array of times.
     bases = list({id(signal.t): signal.t for signal in signals}.values())
     first = bases[0]

@@ -56,6 +56,18 @@ class Span:
         return self.start_s <= other.end_s and other.start_s <= self.end_s
 
 
+def _refuse_disordered(t: FloatArray) -> None:
+    """Refuse times that do not increase, as those of a series as consumed need not.
+
+    Raises:
+        ValueError: With the first that does not.
+    """
+    back = t[1:] <= t[:-1]
+    if back.any():
+        at = float(t[1:][back][0])
+        raise ValueError(f"times must increase, and do not at {at:g} s; a series as consumed goes by index")
+
+
 def sample_durations(t: FloatArray, *, longest_s: float = math.inf) -> FloatArray:
     """How long each sample stands for.
 
@@ -73,6 +85,7 @@ def sample_durations(t: FloatArray, *, longest_s: float = math.inf) -> FloatArra
     >>> sample_durations(np.array([0.0, 1.0, 4.0]), longest_s=2.0).tolist()
     [1.0, 2.0, 0.0]
     """
+    _refuse_disordered(t)
     durations = np.zeros_like(t)
     if len(t) > 1:
         durations[:-1] = np.minimum(np.diff(t), longest_s)
@@ -121,6 +134,7 @@ def episodes_where(
     >>> episodes_where(t, np.array([True, True, False, True, False]), t_off_s=1.5)
     [Span(start_s=0.0, end_s=4.0)]
     """
+    _refuse_disordered(t)
     found: list[Span] = []
     for first, last in _runs(t, holds, longest_s):
         start, until = float(t[first]), float(t[last])
@@ -148,6 +162,7 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     >>> uncovered_spans(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0), max_gap_s=1.0)
     [Span(start_s=1.0, end_s=4.0)]
     """
+    _refuse_disordered(t)
     inside, edges = _edges(t, window)
     # The edges count as samples, so that a log that begins late has a gap at the start of the window.
     (long,) = np.nonzero(np.diff(edges) > max_gap_s + _TIME_TOLERANCE_S)
@@ -188,6 +203,7 @@ def longest_silence_s(t: FloatArray, window: Span) -> float:
     >>> longest_silence_s(np.array([0.0, 1.0, 4.0]), Span(0.0, 5.0))
     3.0
     """
+    _refuse_disordered(t)
     _, edges = _edges(t, window)
     longest_s = float(np.diff(edges).max())
     return longest_s if longest_s > _TIME_TOLERANCE_S else 0.0

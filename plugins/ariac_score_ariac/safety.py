@@ -322,8 +322,8 @@ class CollisionEpisodes:
     def _touching(self, trial: Trial, first: Body, second: Body) -> _Touching | None:
         # A report of contact before a force, and a force before a distance. Either body may be named first.
         for a, b in ((first.id, second.id), (second.id, first.id)):
-            flag = trial.signals.get(f"in_contact/{a}/{b}")
-            force = trial.signals.get(f"contact_force/{a}/{b}")
+            flag = trial.find_signal(f"in_contact/{a}/{b}")
+            force = trial.find_signal(f"contact_force/{a}/{b}")
             if flag is not None:
                 known = force if force is not None and len(force) else None
                 watched = self._watched(trial, flag)
@@ -332,7 +332,7 @@ class CollisionEpisodes:
                 watched = self._watched(trial, force)
                 return _Touching(watched, watched.columns[force.name] > self.contact_on_n, force)
         for a, b in ((first.id, second.id), (second.id, first.id)):
-            separation = trial.signals.get(f"body_separation/{a}/{b}")
+            separation = trial.find_signal(f"body_separation/{a}/{b}")
             if separation is not None:
                 watched = self._watched(trial, separation)
                 return _Touching(watched, watched.columns[separation.name] <= 0, None)
@@ -393,7 +393,7 @@ class CollisionEpisodes:
         """Speed of the two against each other when they met; what stands around does not move."""
         at, relative = np.array([t_s]), np.zeros(3)
         for body, sign in ((first, 1.0), (second, -1.0)):
-            velocity = trial.signals.get(f"velocity/{body.id}")
+            velocity = trial.find_signal(f"velocity/{body.id}")
             if body.kind == ENVIRONMENT:
                 continue
             if velocity is None or not velocity.covers(at, max_gap_s=self.max_gap_s)[0]:

@@ -260,7 +260,7 @@ class SpaceLimit(LimitMonitor):
                 names.append(f"{body.id}::{self.link}")
                 continue
             # A log may follow the links alone; then a missing origin is no missing signal.
-            if f"position/{body.id}" in trial.signals or not body.links:
+            if f"position/{body.id}" in {one.name for one in trial.sampled} or not body.links:
                 names.append(body.id)
             names += [f"{body.id}::{link}" for link in body.links]
         return [Subject(name, {"point": name}) for name in names]

@@ -146,7 +146,7 @@ class PflContact(LimitMonitor):
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """For every pair each contact, or that there was none."""
         subjects = self.subjects.of(trial.bodies)
-        forceless = [s for s in subjects if s.fill(_FORCE) not in trial.signals]
+        forceless = [s for s in subjects if s.fill(_FORCE) not in {one.name for one in trial.sampled}]
         for subject in forceless:
             yield self._without_force(trial, subject)
         measured = [s for s in subjects if s not in forceless]

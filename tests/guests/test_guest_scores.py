@@ -93,7 +93,12 @@ def test_the_ledger_gives_each_finding_the_amount_derived_by_hand(
     lines = list(ledger.walk())
     taken = {line.findings[0]: line.amount for line in lines if line.kind == "taken" and not line.children}
 
-    assert taken == {finding: Decimal(amount) for finding, amount in by_hand["taken"].items()}
+    assert taken == {
+        finding: Decimal(amount) for finding, amount in by_hand["taken"].items() if amount != "0"
+    }
+    told = {key: line.reason for line in lines if line.kind == "neutral" for key in line.findings}
+    for finding in (finding for finding, amount in by_hand["taken"].items() if amount == "0"):
+        assert told[finding].startswith("hidden by clip(")
     (earned,) = [line.amount for line in lines if line.path == "score/earned"]
     assert earned == Decimal(by_hand["earned"])
     assert sum(line.amount for line in ledger.leaves) == Decimal(by_hand["score"])

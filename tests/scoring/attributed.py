@@ -123,9 +123,9 @@ class Case:
         return amounts(self.tree, TAKEN)
 
 
-def amounts(tree: Node, step: int, *, nominal: bool = False) -> dict[str, Exact]:
+def amounts(tree: Node, step: int) -> dict[str, Exact]:
     """What each finding brought in a step, exactly; those that nothing changed are not among them."""
-    slopes = flow(tree, step, nominal=nominal).slopes
+    slopes = flow(tree, step).slopes
     found: dict[str, Exact] = {}
     for leaf, slope in slopes.items():
         for part in leaf.parts if isinstance(leaf, Leaf) else ():

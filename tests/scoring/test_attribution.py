@@ -276,6 +276,53 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
     assert [float(earned[f"place#{i}"]) for i in range(3)] == pytest.approx([30 * 80 / 105] * 3)
 
 
+@pytest.mark.parametrize(
+    ("formula", "price", "bound"),
+    [
+        # What is added up and multiplied with fixed numbers has a price, whatever a cap makes of it.
+        ("max(0, 10 - 3 * count(x))", -3, 2),
+        ("2 + max(0, 10 - 3 * count(x)) / 2", -1.5, 1),
+        ("k * max(0, 10 - 3 * count(x))", -1.2, 0.8),
+        ("max(0, (10 - 3 * count(x)) * trial.duration_s)", -180, 120),
+        ("10 - clip(3 * count(x), 0, 10)", -3, 2),
+        ("mean(max(0, 10 - 3 * count(x)), 4)", -1.5, 1),
+        ("min(1, max(0, 10 - 3 * count(x)))", -3, None),  # two bounds, a line each
+        ("max(0, 10 - 3 * count(x) if k < 1 else 0)", -3, 2),
+        ("max(0, 10 - 3 * count(x) * points(w))", -3, 2),  # points are earned first, and then fixed
+        ("max(0, 10 - demerits(x, tau_s=0.25))", -3, 2),
+        # In what is divided by, raised or decided, and beside another factor, it has none.
+        ("10 / max(1, 3 * count(x))", None, 0),
+        ("max(0, 10 - 3 * count(x)) * product(y, p=0.5)", None, 0),
+        ("max(0, 10 - 3 * count(x)) ** 2", None, 0),
+        ("2 ** max(0, 1 - 3 * count(x))", None, 0),
+        ("max(6, 10 * product(x, p=0.5))", None, 0),
+        ("max(6, 10 / (1 + count(x)))", None, 0),
+        ("max(6, 10 - 3 * count(x) * count(y))", None, 0),
+        ("max(0, 1 if count(x) < 2 else -3)", None, 0),
+        ("1 if max(0, 10 - 3 * count(x)) > 0 else 0", None, 0),
+        ("max(0, 10 - 3 * count(x)) if holds(y) else max(0, 9 - 3 * count(x))", None, 0),
+        ("min(10 - 3 * count(x), 9 - 3 * count(x))", None, 0),
+    ],
+)
+def test_a_price_beside_an_amount_is_one_that_the_rule_has(
+    formula: str, price: float | None, bound: float | None
+) -> None:
+    deep = {"time_in_violation_s": 1.0, "relative_depth_integral_s": 0.5}
+    case = Case(
+        formula,
+        [*(found("x", V, i, **deep) for i in range(4)), *times("y", 1), *times("w", 1, S)],
+        parameters={"k": 0.4},
+    )
+    lines = list(case.ledger.walk())
+    taken = [line for line in lines if line.kind == "taken" and line.findings]
+    prices = {line.nominal for line in taken if line.findings[0].startswith("x")}
+    bounds = [line.nominal for line in lines if line.kind == "cap"]
+
+    assert case.ledger.nominal is None  # both columns add up to the score
+    assert prices == {None if price is None else Decimal(str(price))}
+    assert bound is None or bounds == ([Decimal(str(bound))] if bound else [])
+
+
 def test_an_episode_told_in_two_pieces_leaves_what_others_pay() -> None:
     whole = [found("a", V, q=0.4), found("b", V, q=0.6)]
     pieces = [found("a", V, 0, q=0.2), found("a", V, 1, q=0.2), found("b", V, q=0.6)]

@@ -66,6 +66,7 @@ class Collector:
         self._wanted, self._file = wanted, file
         self._clocks, self._stamped_by_reader = Clocks(file), stamped_by_reader
         log_map = wanted.log_map
+        log_map.refuse_unfilled()
         self._tree = TransformTree(log_map.root_frame, file=file)
         self._models = ModelPoses(log_map.models)
         # Links before models: models inside models are listed as links only.
@@ -507,7 +508,8 @@ class _Intake:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)
                 signal, unit = column.field_map.signal, column.field_map.unit
-                builder.add_signal(signal, unit, t, values, source=self.channel.topic)
+                add = builder.add_series if self.channel.as_consumed else builder.add_signal
+                add(signal, unit, t, values, source=self.channel.topic)
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel are about."""
