@@ -373,7 +373,8 @@ class Competition(Protocol):
 
     - `levels`: names of its levels of work, innermost first, the last one `trial`;
     - `facts`: for each level the facts that its items may have: name to `number` or `text`;
-    - `words`: for each level what people call it, singular and plural;
+    - `words`: for each level, `trial` too, what people call it, singular and plural; of `submission`, also
+      where no level has that name, what is handed in: without it pages are silent about handing in;
     - `join(merged, parts, file)`: see `ariac_score.trial.build.Joining`;
     - `complete(trial)`: the trial with what follows from all its logs together;
     - `defects(trial)`: what is wrong with a trial although its logs are whole, as `LogDefect`s;

@@ -17,8 +17,8 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "explain",
-        description="Show the ledger of a stored result; or, with PATH, one line, order, check or finding "
-        "with everything that it rests on.",
+        description="Show the ledger of a stored result; or, with PATH, one line, item of work, check or "
+        "finding with everything that it rests on.",
     )
     parser.add_argument(
         "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"

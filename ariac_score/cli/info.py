@@ -26,7 +26,7 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "info",
-        description="Show the topics, types, counts, rates, gaps, clocks, orders and entities of a log or "
+        description="Show the topics, types, counts, rates, gaps, clocks, work and entities of a log or "
         "bundle.",
     )
     parser.add_argument(
@@ -79,11 +79,11 @@ def _described(description: Any) -> list[str]:
 
 
 def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, registry: Any) -> list[str]:
-    """Orders, entities, signals; with a rule set also which checks could be decided."""
+    """Work, entities, signals; with a rule set also which checks could be decided."""
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     name = arguments.log_map or (rule_set.log_map if rule_set else "")
     if not name:
-        return ["", "Give --rules (or --log-map) to see orders, entities and which checks could be decided."]
+        return ["", "Give --rules (or --log-map) to see work, entities and which checks could be decided."]
     prepared = prepare(rule_set, log_map=arguments.log_map, registry=registry) if rule_set else None
     mapping = prepared.log_map if prepared else load_log_map(name)
     try:
@@ -95,7 +95,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
                 registry,
                 quantities=[*QUANTITIES, *mapping.quantities],
                 progress=progress,
-                orders=prepared is not None and prepared.rule_set.about_work,
+                work=prepared is not None and prepared.rule_set.about_work,
             )
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]

@@ -241,17 +241,17 @@ def _subject(plugin: Any, arguments: argparse.Namespace) -> Any:
     return (
         made_trial_for(plugin, Registry())
         if arguments.trial is None
-        else _read(arguments, orders=kind == "rules")
+        else _read(arguments, work=kind == "rules")
     )
 
 
-def _read(arguments: argparse.Namespace, *, orders: bool) -> Any:
+def _read(arguments: argparse.Namespace, *, work: bool) -> Any:
     """The trial of a log, with every quantity it has."""
     registry = Registry()
     mapping = load_log_map(arguments.log_map) if arguments.log_map else LogMap("none")
     bundle, readers = find_trial(arguments.trial, registry)
     wanted = [*QUANTITIES, *mapping.quantities]
-    return read_trial(bundle, readers, mapping, registry, quantities=wanted, orders=orders)
+    return read_trial(bundle, readers, mapping, registry, quantities=wanted, work=work)
 
 
 # doctor --------------------------------------------------------------------------------

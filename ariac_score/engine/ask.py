@@ -22,6 +22,7 @@ from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.words import Words
 from ariac_score.trial.work import WorkItem, paths_at
 
 __all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
@@ -47,7 +48,13 @@ def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
 
 
 def ask(
-    plugin: Plugin, name: str, check: Rule | Monitor, trial: Trial, *, notice: Notice | None = None
+    plugin: Plugin,
+    name: str,
+    check: Rule | Monitor,
+    trial: Trial,
+    *,
+    notice: Notice | None = None,
+    words: Words | None = None,
 ) -> list[Finding]:
     """All findings of one check about a trial, in order, with the numbers as they will be stored.
 
@@ -58,6 +65,7 @@ def ask(
         trial: With the derived signals.
         notice: Takes the origin of a plugin that prints, and what it printed; by default a notice
             goes to standard error.
+        words: Of the competition, for what the engine itself finds.
 
     Raises:
         PluginError: The plugin raised, yielded nothing or something else, gave a finding that breaks the
@@ -75,7 +83,7 @@ def ask(
     )
     with heard:
         try:
-            for finding in _answers(plugin, name, check, trial):
+            for finding in _answers(plugin, name, check, trial, words or Words()):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
                 findings.append(finding)
@@ -202,14 +210,15 @@ def _not_none(answer: Any) -> Any:
     return answer
 
 
-def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Finding]:
-    """The findings of a rule about each order, or of a monitor about the trial."""
+def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) -> Iterator[Finding]:
+    """The findings of a rule about each item of work, or of a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
         yield from _not_none(check.watch(trial))
         return
-    items = list(paths_at(trial.work, getattr(check, "level", "")))
+    level = getattr(check, "level", "")
+    items = list(paths_at(trial.work, level))
     if not items:
-        yield Finding.not_applicable("trial", "no order was announced")
+        yield Finding.not_applicable("trial", words.none_announced(level))
     for path, item in items:
         if getattr(item, "outline", False) and not getattr(check, "reads_official", False):
             yield Finding.inconclusive(path, "what it asked for is not recorded, only its official score")
@@ -218,8 +227,8 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial) -> Iterator[Fi
         for finding in _not_none(check.judge(trial, item)):
             spoken = True
             yield _inside(finding, path, item)
-        if not spoken and not item.items and not getattr(check, "level", ""):
-            yield Finding.not_applicable(path, f"the {item.level} asks for nothing")
+        if not spoken and not item.items and not level:
+            yield Finding.not_applicable(path, f"the {words.one(item.level)} asks for nothing")
         elif not spoken:
             raise broken(plugin, f"says nothing about {path}, and silence is not a verdict", of=name)
 

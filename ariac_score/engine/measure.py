@@ -57,7 +57,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         if known and before is not None:
             found = stored_findings(known, before, wanted)
         else:
-            found = ask(each.plugin, name, each.check, trial)
+            found = ask(each.plugin, name, each.check, trial, words=prepared.words)
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -144,8 +144,7 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
         moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    words = getattr(prepared.competition.check, "words", {}) if prepared.competition else {}
-    return sketch_of(trial, charts, moments, words)
+    return sketch_of(trial, charts, moments, prepared.words.spoken)
 
 
 def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:

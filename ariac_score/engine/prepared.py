@@ -25,8 +25,9 @@ from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, 
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
 from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
+from ariac_score.trial.words import Words
 
-__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare", "rule_set_of"]
+__all__ = ["Prepared", "PreparedCheck", "Rules", "log_map_of", "prepare", "rule_set_of", "words_of"]
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,11 @@ class Prepared:
     def derivations(self) -> tuple[Derivation, ...]:
         """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
         return tuple(Derivation(need.quantity, need.max_gap_s, need.pair) for need in self.needs)
+
+    @property
+    def words(self) -> Words:
+        """The words of its competition, for messages."""
+        return words_of(self.competition, self.rule_set.sheet.levels)
 
     @cached_property
     def _data_plugins(self) -> tuple[Plugin, ...]:
@@ -251,6 +257,17 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
         derivers=derivers_of(prepared.quantities, registry),
         fact_schemas=fact_schemas_of(rule_set.competition.use, registry) if rule_set.competition else None,
     )
+
+
+def words_of(competition: PreparedCheck | None, levels: tuple[str, ...] = ()) -> Words:
+    """The words of a competition, which messages about its work use; without any those for every one.
+
+    Args:
+        competition: Built; `None` where none is known.
+        levels: Of the rule set; by default those that the competition declares.
+    """
+    check = competition.check if competition else None
+    return Words(getattr(check, "words", {}), levels or tuple(getattr(check, "levels", ())))
 
 
 def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:

@@ -12,7 +12,7 @@ from ariac_score.checks.contracts import Decoder, Likening, Reader, TrackReader,
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import refuse_other_facts
-from ariac_score.engine.prepared import Prepared, PreparedCheck
+from ariac_score.engine.prepared import Prepared, PreparedCheck, words_of
 from ariac_score.errors import (
     DataFileError,
     LogMapError,
@@ -29,6 +29,7 @@ from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap, PluginUse
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score.trial.words import Words
 from ariac_score.trial.work import Fact
 
 __all__ = [
@@ -155,7 +156,7 @@ def read_trial(
     quantities: Iterable[str],
     progress: Progress = no_progress,
     jobs: int = 0,
-    orders: bool = True,
+    work: bool = True,
     competition: PreparedCheck | None = None,
 ) -> Trial:
     """The one trial that the parts of a bundle record.
@@ -168,7 +169,7 @@ def read_trial(
         quantities: The quantities that checks need; what they derive from is read too.
         progress: Called with the share done.
         jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
-        orders: Whether a trial without any work is refused.
+        work: Whether a trial without any work is refused.
         competition: Joins what several logs say; by default the one that the log map names.
 
     Raises:
@@ -210,11 +211,12 @@ def read_trial(
         )
     if competition and hasattr(competition.check, "complete"):
         trial = call_hook(competition.plugin, competition.check.complete, trial)
-    if orders and not trial.work:
+    if work and not trial.work:
+        words = words_of(competition)
         raise NothingToScoreError(
-            "no order was found",
+            f"no {words.one(words.outermost)} was found",
             file=bundle.root,
-            hint=_no_orders_hint(bundle, trial),
+            hint=_no_work_hint(bundle, trial, words),
         )
     progress(1.0)
     return trial
@@ -237,7 +239,7 @@ def read_needed(
     *,
     progress: Progress = no_progress,
     jobs: int = 0,
-    orders: bool | None = None,
+    work: bool | None = None,
 ) -> Trial:
     """The trial of a bundle, with the signals that the checks of a rule set need; nothing is derived yet.
 
@@ -247,11 +249,11 @@ def read_needed(
         prepared: The rule set.
         progress: Called with the share done.
         jobs: Threads that read a recording; see `read_trial`.
-        orders: Whether a trial without any order is refused; by default where the rules are about orders.
+        work: Whether a trial without any work is refused; by default where the rules are about work.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
-        NothingToScoreError: There is no record of a trial, or no order where the rules are about orders.
+        NothingToScoreError: There is no record of a trial, or no work where the rules are about work.
     """
     trial = read_trial(
         bundle,
@@ -261,7 +263,7 @@ def read_needed(
         quantities=prepared.sources,
         progress=progress,
         jobs=jobs,
-        orders=prepared.rule_set.about_work if orders is None else orders,
+        work=prepared.rule_set.about_work if work is None else work,
         competition=competition_of(prepared.log_map, prepared.registry, prepared.rule_set.competition)
         or prepared.competition,
     )
@@ -355,7 +357,9 @@ class _Guarded:
         return trial
 
 
-def _no_orders_hint(bundle: Bundle, trial: Trial) -> str:
+def _no_work_hint(bundle: Bundle, trial: Trial, words: Words) -> str:
     looked = f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
     read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
-    return f"read: {read}{looked}; add the trial configuration or record the orders topic"
+    many = words.many(words.outermost)
+    remedy = f"or record the {many} topic" if words.hands_in else f"or what else names its {many}"
+    return f"read: {read}{looked}; add the trial configuration {remedy}"

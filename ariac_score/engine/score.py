@@ -82,7 +82,7 @@ def open_trial(
         mapping,
         registry,
         quantities=[*QUANTITIES, *mapping.quantities, *needed],
-        orders=False,
+        work=False,
     )
     if prepared is None and not instead and not trial.sampled:
         _refuse_topics(bundle, readers)
@@ -177,7 +177,9 @@ def check_configuration(path: Path, rule_set: RuleSet) -> None:
     (part,) = bundle.parts
     if part.role != "trial_config":
         raise LogError(
-            "it is no trial configuration", file=path, hint="give the configuration that says the orders"
+            "it is no trial configuration",
+            file=path,
+            hint="give the configuration that says what was to be done",
         )
     damage = readers[part.reader].describe(path).damage
     if damage:

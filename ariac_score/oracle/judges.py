@@ -153,7 +153,7 @@ class RulesBench:
 def _why_later(check: object, log_map: LogMap) -> str:
     """Why a check cannot be judged event by event; empty where it can."""
     if not isinstance(check, Monitor):
-        return "rules judge whole orders"
+        return "rules judge whole items of work"
     if not isinstance(check, OnlineMonitor):
         return "its monitor watches whole trials only"
     needs = {need.quantity for need in check.needs() if not need.optional}

@@ -80,7 +80,7 @@ def write_results(
 ) -> list[Path]:
     """Write the report and, under a rule set, findings and score of every event log.
 
-    The logs are scored as `score` would, so both give the same. A log without orders has no score, but
+    The logs are scored as `score` would, so both give the same. A log without work has no score, but
     its monitors have their findings.
 
     Args:
@@ -122,14 +122,14 @@ def _scored(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> l
 
 
 def _measured(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Measured:
-    """The findings in a log that has no orders, and so is no trial.
+    """The findings in a log that has no work, and so is no trial.
 
     Raises:
         ScoreError: The log is empty, or a plugin fails.
     """
     prepared = prepare(rule_set, log_map=log_map, registry=registry)
     bundle, readers = find_trial(log, registry)
-    trial = read_needed(bundle, readers, prepared, orders=False)
+    trial = read_needed(bundle, readers, prepared, work=False)
     return measure_trial(prepared.derived(trial), prepared)
 
 

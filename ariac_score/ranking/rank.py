@@ -52,7 +52,7 @@ OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
     "crashed": "the simulator died and wrote no score: 0",
     "cancelled": "the run was cancelled and has no score: 0",
-    "aborted": "the run ended before all orders were in; its score stands",
+    "aborted": "the run ended before all work was done; its score stands",
     "disqualified": "the stewards disqualified it: 0",
     "undecided": "something the score depends on is undecided: not counted",
     "unreadable": "the log cannot be read as one trial: not counted",

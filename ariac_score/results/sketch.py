@@ -189,7 +189,7 @@ def sketch_of(
     trial: Trial,
     charts: Mapping[str, Sequence[Chart]],
     moments: Mapping[tuple[str, str], Sequence[Span]],
-    words: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+    words: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> Sketch:
     """The sketch of a trial.
 

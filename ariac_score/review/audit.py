@@ -473,7 +473,7 @@ class _Items:
         if not name:
             return item.id, ""
         if getattr(item, "outline", False):
-            return block.path, "what was ordered is not recorded, only what was given for it"
+            return block.path, "what was asked for is not recorded, only what was given for it"
         return self.place(item, block.level, name)
 
 

@@ -52,7 +52,7 @@ class Certain:
         # Only the branch of the scope, so that what is undecided elsewhere makes nothing here uncertain.
         trial = branch(self.measured.scopes, path)
         if trial is None:
-            return Value(reason="what was ordered there is not recorded")
+            return Value(reason="what was asked for there is not recorded")
         if not self.timed and _DURATION in self.rule_set.sheet.facts_in(formula, level):
             return Value(reason="the log does not show when the competition began and ended")
         try:

@@ -20,6 +20,7 @@ from ariac_score.trial.channels import Channel
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.words import HANDED_IN
 
 __all__ = ["Lack", "Readiness", "check_log"]
 
@@ -148,7 +149,9 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
     needs = [need for need in prepared.checks[check].needs if not need.optional]
     if not needs:
         topics = [channel.topic for channel in log_map.channels if channel.decoder]
-        return _words(topics, recorded, "its orders and submissions come from")
+        words = prepared.words
+        handed = f" and {words.many(HANDED_IN)}" if words.hands_in else ""
+        return _words(topics, recorded, f"its {words.many(words.outermost)}{handed} come from")
     wanted = source_quantities((need.quantity for need in needs), prepared.brought)
     topics = [channel.topic for channel in log_map.channels if _gives(channel, wanted)]
     signals = ", ".join(sorted({need.quantity for need in needs}))

@@ -47,7 +47,63 @@ def test_a_page_shows_the_amounts_derived_by_hand(
 def test_a_page_calls_the_work_what_the_competition_calls_it(guests: Path, tmp_path: Path) -> None:
     page = page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path)
 
-    assert '<h2 id="orders-h">Routes</h2>' in page
+    assert '<h2 id="work-h">Routes</h2>' in page
+
+
+@pytest.mark.parametrize(
+    ("recording", "rules", "absent"),
+    [
+        # One run through one world: nothing inside it, no human, nothing handed in.
+        ("barn/recording/world_42", "barn", ("separation", "work")),
+        # A file of numbers: no clock, no bodies.
+        ("carla/recording/results_2_0.json", "carla.2_0", ("timeline", "separation", "plan")),
+        # The sheet of a referee: times, but no bodies.
+        ("robocup_work/recording/bmt_1", "robocup_work.bmt_2024", ("separation", "plan")),
+    ],
+)
+def test_a_page_is_silent_about_what_the_competition_does_not_have(
+    recording: str, rules: str, absent: tuple[str, ...], guests: Path, tmp_path: Path
+) -> None:
+    page = page_of(guests / recording, rules, tmp_path)
+    text = seen(page.partition("Where it comes from")[0])  # below, rule set and facts stand as written
+
+    for section in absent:
+        assert f'id="{section}"' not in page
+        assert f'href="#{section}"' not in page
+    for word in ("order", "submission", "submitted", "announced", "robot and human", "cell", "part"):
+        assert not re.search(rf"\b{word}s?\b", text), word
+
+
+def test_a_page_names_a_trial_as_the_competition_does(guests: Path, tmp_path: Path) -> None:
+    run = seen(page_of(guests / "robocup_work/recording/bmt_1", "robocup_work.bmt_2024", tmp_path))
+    entry = seen(page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path))
+
+    assert "Run report" in run
+    assert "points the run would have earned" in run
+    assert "Entry report" in entry
+
+
+def test_the_points_of_an_item_say_what_was_earned_and_what_was_taken_there(
+    guests: Path, tmp_path: Path
+) -> None:
+    text = seen(page_of(guests / "robocup_work/recording/bmt_1", "robocup_work.bmt_2024", tmp_path))
+
+    # Grasped for 100; the loss, -95.137998, in the README of the guest.
+    assert "4.862002 points (100 earned, 95.137998 taken)" in text
+
+
+def test_text_and_messages_use_the_words_of_the_competition(
+    guests: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["score", str(guests / "barn/recording/world_42"), "--rules", "barn"]) == 0
+    assert "run from 0.000 s to 17.200 s" in capsys.readouterr().out
+
+    for name in ("referee.csv",):
+        (tmp_path / name).write_bytes((guests / "robocup_work/recording/bmt_1" / name).read_bytes())
+    assert main(["score", str(tmp_path), "--rules", "robocup_work.bmt_2024"]) != 0
+    refused = capsys.readouterr().err
+    assert "no task was found" in refused
+    assert "order" not in refused
 
 
 def test_a_panel_of_a_guest_shows_what_the_leaderboard_wrote(guests: Path, tmp_path: Path) -> None:

@@ -223,7 +223,7 @@ def test_the_log_is_what_came_one_event_a_line(talk: Conversation) -> None:
 
 def test_a_rule_set_says_what_is_judged_when() -> None:
     assert {*PAPER.live} == {"separation", "human_contact", "no_arm_collision"}
-    assert PAPER.later["part_pose"] == "rules judge whole orders"
+    assert PAPER.later["part_pose"] == "rules judge whole items of work"
 
 
 # Every way of writing a monitor, on the snapshots of the paper ------------------------------

@@ -558,7 +558,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert "28 points of 36 possible" in text
     assert "2 not applicable" in text
     part = seen(page[page.index('id="separation"') : page.index('id="plan"')])
-    assert "No distance between a robot and a human was recorded or could be derived" in part
+    assert "Nothing that a monitor compares with a limit over time was recorded or could be derived" in part
     assert "<figure" not in page[page.index('id="separation"') : page.index('id="plan"')]
     coverage = seen(page[page.index('id="coverage"') : page.index('id="basis"')])
     assert (
@@ -567,7 +567,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     signals = page[page.index('id="coverage"') : page.index('id="idle"')]
     assert "position/robot" in signals
     assert "human" not in signals
-    plan = seen(page[page.index('id="plan"') : page.index('id="orders"')])
+    plan = seen(page[page.index('id="plan"') : page.index('id="work"')])
     assert "robot (robot)" in plan
     assert "human" not in plan
 

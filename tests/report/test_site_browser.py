@@ -152,7 +152,7 @@ def test_a_competition_without_a_human_has_sensible_pages(
     assert board == (ranked if witnessed else tied)
     trial = open_page(tmp_path / "site/trials/alpha/cell-1.html").page
     assert trial.locator("#separation svg").count() == 0
-    assert "No distance between a robot and a human" in trial.inner_text("#separation")
+    assert "Nothing that a monitor compares with a limit" in trial.inner_text("#separation")
     assert trial.inner_text("#score") == ("28" if witnessed else "No score")
     assert trial.locator("#idle").count() == (1 if witnessed else 0)
     if witnessed:

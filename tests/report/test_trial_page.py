@@ -34,13 +34,13 @@ from ariac_score import (
 )
 from ariac_score.cli import main
 from ariac_score.report.html.charts import HEIGHT, chart_of
-from ariac_score.report.html.orders import grouped
 from ariac_score.report.html.page import embedded_json
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.scale import Scale, ticks
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.report.html.waterfall import waterfall_of
+from ariac_score.report.html.work import grouped
 from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.results.sketch import DrawnChart, DrawnPath, Sketch, sketch_of
@@ -166,7 +166,7 @@ def test_without_a_human_there_is_no_chart_and_it_says_so(tmp_path: Path) -> Non
 
     text = _page(score_trial(log, "paper2020"))
 
-    assert "No distance between a robot and a human was recorded" in text
+    assert "Nothing that a monitor compares with a limit over time was recorded" in text
 
 
 def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
@@ -176,8 +176,10 @@ def test_a_trial_without_orders_or_findings_has_a_page(example: Result) -> None:
 
     text = trial_page(result, "{}")
 
-    assert "There was no order" in text
-    assert "so there is no timeline" in text
+    assert "No order was announced" in text
+    assert 'id="timeline"' not in text  # nothing there has a time
+    timed = replace(result, measured=replace(result.measured, coverage=measured.coverage))
+    assert "so there is no timeline" in trial_page(timed, "{}")
 
 
 def _adjusted(folder: Path, result: Result, **decision: Any) -> Result:
@@ -345,7 +347,7 @@ def test_the_steps_of_the_example_are_those_of_its_ledger(example: Result) -> No
 
     falls = waterfall_of(example.ledger, example.measured.findings)
 
-    steps = [(step.label, step.order, step.amount) for step in falls.steps]
+    steps = [(step.label, step.outermost, step.amount) for step in falls.steps]
     assert steps[0] == ("points(part_type)", "order_0", Decimal(3))
     assert ("bonus", "order_1", Decimal(6)) in steps
     assert [(step.amount, step.findings) for step in falls.steps[-4:]] == [
@@ -474,7 +476,7 @@ def test_the_timeline_has_a_lane_for_each_monitor_and_order(example: Result) -> 
     timeline = timeline_of(example, ["no_arm_collision", "separation", "human_contact"])
 
     assert timeline is not None
-    assert [lane.name for lane in timeline.orders] == ["order_0", "order_1"]
+    assert [lane.name for lane in timeline.work] == ["order_0", "order_1"]
     assert [lane.ground for lane in timeline.monitors] == ["satisfied"] * 3
     (block,) = timeline.monitors[1].blocks
     # 18.81 s to 21.21 s of 0.5 s to 38 s.
@@ -482,18 +484,18 @@ def test_the_timeline_has_a_lane_for_each_monitor_and_order(example: Result) -> 
         pytest.approx(100 * 18.31 / 37.5, abs=1e-3),
         pytest.approx(100 * 2.4 / 37.5, abs=1e-3),
     )
-    submitted = [block.left for block in timeline.orders[0].blocks if block.state == "submitted"]
+    submitted = [block.left for block in timeline.work[0].blocks if block.state == "submitted"]
     assert submitted == [pytest.approx(100 * 13.5 / 37.5, abs=1e-3)]
 
 
 def _words(result: Result) -> str:
     timeline = timeline_of(result, [])
     assert timeline is not None
-    return timeline.orders[0].blocks[0].title
+    return timeline.work[0].blocks[0].title
 
 
 def test_submissions_of_an_official_record_are_shown_as_its_statement(example: Result) -> None:
-    assert _words(example).endswith("last submission at 14.00\u202fs")
+    assert _words(example).endswith("last shipment at 14.00\u202fs")
     measured = replace(example.measured, sketch=Sketch())
 
     def with_record(summary: OfficialOrder) -> Result:

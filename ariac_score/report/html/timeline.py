@@ -1,4 +1,4 @@
-"""The trial from start to end: orders, submissions, and a lane for each monitor."""
+"""The trial from start to end: work, what was handed in, and a lane for each monitor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.wording import brief, seconds
+from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
+from ariac_score.trial.words import HANDED_IN, Words
 
 __all__ = ["Block", "Lane", "Timeline", "timeline_of"]
 
@@ -21,7 +23,7 @@ class Block:
     """A stretch of a lane.
 
     Attributes:
-        state: `violated`, `inconclusive`, `order` or `submitted`.
+        state: `violated`, `inconclusive`, `work` or `submitted`.
         left: Where it begins, percent of the width.
         width: How long it is, percent of the width.
         title: What it is, in words.
@@ -40,7 +42,7 @@ class Lane:
     """One row of the timeline.
 
     Attributes:
-        name: The check, the order, or what else it shows.
+        name: The check, the item of work, or what else it shows.
         use: The plugin, for a check.
         ground: The state between the blocks: `satisfied`, `not_applicable`, `inconclusive` or empty.
         blocks: In order of time.
@@ -61,7 +63,7 @@ class Timeline:
     """The lanes, over one scale of time."""
 
     scale: Scale
-    orders: tuple[Lane, ...]
+    work: tuple[Lane, ...]
     monitors: tuple[Lane, ...]
 
 
@@ -77,45 +79,51 @@ def timeline_of(result: Result, monitors: Iterable[str]) -> Timeline | None:
         return None
     scale = Scale(window.start_s, window.end_s)
     lanes = [_monitor(name, result, scale) for name in monitors]
-    return Timeline(scale, tuple(_orders(result, scale)), tuple(lanes))
+    return Timeline(scale, tuple(_work(result, scale)), tuple(lanes))
 
 
-def _orders(result: Result, scale: Scale) -> Iterable[Lane]:
-    for order_id, announced_s in result.measured.orders.items():
-        handed, otherwise = _handed_in(result, order_id)
+def _work(result: Result, scale: Scale) -> Iterable[Lane]:
+    words = words_of(result)
+    announced = words.hands_in or any(t_s is not None for t_s in result.measured.orders.values())
+    for item_id, announced_s in result.measured.orders.items():
+        handed, otherwise = _handed_in(result, item_id, words)
         # Without a known beginning or end the block reaches to the edge of the timeline.
         start_s = scale.start if announced_s is None else announced_s
-        words = "announced at an unknown time" if announced_s is None else f"announced at {seconds(start_s)}"
-        words += f", last submission at {seconds(handed[-1])}" if handed else otherwise
+        said = f"announced at {seconds(start_s)}"
+        if announced_s is None:
+            said = "announced at an unknown time" if announced else ""
+        said += f", last {words.one(HANDED_IN)} at {seconds(handed[-1])}" if handed else otherwise
         end_s = handed[-1] if handed else scale.end
-        blocks = [Block("order", *scale.stretch(start_s, end_s), words)]
+        blocks = [Block("work", *scale.stretch(start_s, end_s), said.removeprefix(", "))]
         blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in handed]
-        yield Lane(order_id, blocks=tuple(blocks))
+        yield Lane(item_id, blocks=tuple(blocks))
 
 
-def _handed_in(result: Result, order_id: str) -> tuple[list[float], str]:
-    """The times, s, at which an order was submitted; without any, the end of a sentence that says why."""
+def _handed_in(result: Result, item_id: str, words: Words) -> tuple[list[float], str]:
+    """The times, s, at which an item was handed in; without any, the end of a sentence that says why."""
     measured = result.measured
-    tasks = {
-        task.path.rpartition("/")[2]
-        for order in measured.scopes.inner
-        if order.path == order_id
-        for task in order.inner
+    inside = {
+        inner.path.rpartition("/")[2]
+        for item in measured.scopes.inner
+        if item.path == item_id
+        for inner in item.inner
     }
     brought = measured.sketch.brought if measured.sketch else ()
-    handed = sorted(one.submitted_s for one in brought if one.item in tasks)
+    handed = sorted(one.submitted_s for one in brought if one.item in inside)
     if handed:
         return handed, ""
     summaries = measured.official.summaries if measured.official else ()
     for summary in summaries:
-        if summary.id == order_id and summary.submitted_s is not None:
+        if summary.id == item_id and summary.submitted_s is not None:
             return [], f", submitted at {seconds(summary.submitted_s)} by the official record"
-        if summary.id == order_id and summary.submitted is not None:
+        if summary.id == item_id and summary.submitted is not None:
             return [], f", {'' if summary.submitted else 'not '}submitted by the official record"
+    if not inside or not words.hands_in:
+        return [], ""
     # Only a log that would have shown submissions can say that there was none.
-    if tasks and measured.sketch and "submissions" in measured.witnessed:
+    if measured.sketch and "submissions" in measured.witnessed:
         return [], ", never submitted"
-    return [], ", no submission is recorded" if tasks else ""
+    return [], f", no {words.one(HANDED_IN)} is recorded"
 
 
 def _monitor(name: str, result: Result, scale: Scale) -> Lane:

@@ -11,7 +11,6 @@ from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.charts import Chart, chart_of
-from ariac_score.report.html.orders import grouped, orders_of, work_heading
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
@@ -19,11 +18,14 @@ from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
+from ariac_score.report.html.work import grouped, work_of
+from ariac_score.report.words import capital, period, words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import recoverable_losses
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
+from ariac_score.trial.words import Words
 
 __all__ = ["anchor", "embedded_result", "trial_page"]
 
@@ -51,6 +53,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     sketch = measured.sketch
     charts, omitted = _charts(result)
     losses = recoverable_losses(result, rule_set)
+    words, idle = words_of(result), _idle(result, monitors)
     return page(
         "trial.html.j2",
         script=shipped("zoom.js"),
@@ -71,11 +74,15 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         omitted=omitted,
         plan=plan_of(sketch, findings) if sketch else None,
         sketch=sketch,
-        orders=orders_of(result),
-        work_heading=work_heading(result),
+        work=work_of(result),
+        words=words,
+        capital=capital,
+        period=period(words),
+        series_heading=_series_heading(charts),
+        shown=_shown(result, words, charts, idle),
         panels=panels_of(result),
         groups=_groups(result, monitors),
-        idle=_idle(result, monitors),
+        idle=idle,
         anchor=anchor,
         checks=parameters_shown(result),
         grouped=grouped,
@@ -84,7 +91,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
 
 
 def anchor(name: str, kind: str = "f") -> str:
-    """The id of the element that shows a finding, an order or a check; safe to link to.
+    """The id of the element that shows a finding, an item of work or a check; safe to link to.
 
     >>> anchor("separation#1"), anchor("order 0", "o")
     ('f-separation.1', 'o-order-0-202f8b12ba2c')
@@ -124,6 +131,28 @@ def _groups(result: Result, monitors: list[str]) -> list[_Group]:
             )
         )
     return sorted(groups, key=lambda group: (not group.counts.get("violated"), not group.monitor))
+
+
+def _shown(
+    result: Result, words: Words, charts: list[Chart], idle: Mapping[str, list[str]]
+) -> frozenset[str]:
+    """The sections that have something to say: a competition without a clock or bodies has none of these."""
+    measured = result.measured
+    found = measured.findings.values()
+    timed = measured.window or measured.coverage or any(finding.span for finding in found)
+    undecided = any(f.verdict is Verdict.INCONCLUSIVE for f in found) and measured.coverage
+    sections = {
+        "timeline": timed or any(t_s is not None for t_s in measured.orders.values()),
+        "series": charts or idle or undecided or measured.sketch is None,
+        "plan": measured.coverage or measured.sketch is None or measured.sketch.routes,
+        "work": words.of_work or measured.scopes.inner,
+    }
+    return frozenset(name for name, something in sections.items() if something)
+
+
+def _series_heading(charts: list[Chart]) -> str:
+    distances = all("distance" in c.curve.what or "separation" in c.curve.what for c in charts)
+    return "Separation of robot and human" if charts and distances else "Measured over time"
 
 
 def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:

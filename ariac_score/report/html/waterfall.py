@@ -26,14 +26,14 @@ class Step:
 
     Attributes:
         label: Its name.
-        where: The order or task it belongs to; empty for the trial.
+        where: The item of work it belongs to; empty for the trial.
         path: Its line in the ledger.
         amount: The points that it adds, or takes when negative.
         before: The sum of all steps before it.
         left: Where its bar begins, percent of the width.
         width: How long its bar is, percent of the width.
         findings: Ids of the findings it rests on, the worst first.
-        order: The order it belongs to; empty for the trial.
+        outermost: The outermost item it belongs to; empty for the trial.
     """
 
     label: str
@@ -44,7 +44,7 @@ class Step:
     left: float
     width: float
     findings: tuple[str, ...]
-    order: str = ""
+    outermost: str = ""
 
     @property
     def after(self) -> Decimal:
@@ -143,7 +143,7 @@ def _telling(line: Line) -> Sequence[Line]:
 
 
 def _label(line: Line) -> str:
-    """The name of the order or task whose sum it is, else the line's own label."""
+    """The name of the item of work whose sum it is, else the line's own label."""
     return _own(line) if _is_of(line) else line.label
 
 
@@ -156,7 +156,7 @@ def _is_of(line: Line) -> bool:
 
 
 def _where(line: Line) -> str:
-    """The order or task a step belongs to; a factor has no subject and belongs to the line above it."""
+    """The item of work a step belongs to; a factor has no subject and belongs to the line above it."""
     if _is_of(line):
         return line.subject.rpartition("/")[0]
     if line.subject or line.kind == "amount":

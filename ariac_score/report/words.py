@@ -1,0 +1,28 @@
+"""The words of the competition that a stored result is about."""
+
+from __future__ import annotations
+
+from ariac_score.results.result import Result
+from ariac_score.scoring.ruleset import rule_set_from_text
+from ariac_score.trial.words import Words
+
+__all__ = ["capital", "period", "words_of"]
+
+
+def words_of(result: Result) -> Words:
+    """The words that its competition gave; where it gave none, the names of the levels of its rules."""
+    levels = rule_set_from_text(result.rules, file="the rules in the result").sheet.levels
+    sketch = result.measured.sketch
+    spoken = {named.level: (named.one, named.many) for named in sketch.levels} if sketch else {}
+    return Words(spoken, levels)
+
+
+def period(words: Words) -> str:
+    """What began and ended: the competition, or what it calls a single trial where that is another word."""
+    word = words.one("trial")
+    return "competition" if word == "trial" else word
+
+
+def capital(words: str) -> str:
+    """With a capital letter at the start."""
+    return words[:1].upper() + words[1:]
