@@ -61,7 +61,7 @@ def read(folder: Path, *messages: Recorded, text: str = MAP) -> Trial:
         load_log_map(folder / "map.yaml"),
         Registry(),
         quantities=(),
-        orders=False,
+        work=False,
     )
 
 
