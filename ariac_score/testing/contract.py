@@ -267,7 +267,7 @@ class _Checked:
 
     def needs_declared(self) -> None:
         for need in needs_of(self.plugin, "contract", self.check):
-            recorded = (s for n, s in self.trial.signals.items() if n.startswith(f"{need.quantity}/"))
+            recorded = (s for s in self.trial.sampled if s.name.startswith(f"{need.quantity}/"))
             for signal in recorded:
                 if signal.unit != need.unit:
                     raise self.broken(
