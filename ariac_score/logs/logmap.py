@@ -256,6 +256,8 @@ def _contradictions(data: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "event", "both 'event' and 'decoder' say what its messages are", "name one of them"
     if "numbers" in data and not {"event", "decoder"} & data.keys():
         yield "numbers", "no event has its 'numbers'", "add 'event:', or the 'decoder:' that makes the events"
+    if data.get("as_consumed") and not data.get("signals"):
+        yield "as_consumed", "a channel without signals has nothing as consumed", "map its 'signals:'"
     for key in sorted({"event", "facts"} & data.keys()) if "poses" in data else ():
         yield key, f"a channel of poses has no {key!r}", "give the topic a second channel"
 

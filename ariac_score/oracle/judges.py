@@ -236,7 +236,8 @@ _NOTHING = _Topic()
 def _topics(log_map: LogMap, wanted: frozenset[str], registry: Registry) -> dict[str, _Topic]:
     found: dict[str, _Topic] = {}
     for channel in log_map.channels:
-        own = tuple(_source(f) for f in channel.signals if f.signal in wanted)
+        over_time = () if channel.as_consumed else channel.signals
+        own = tuple(_source(f) for f in over_time if f.signal in wanted)
         decoders: tuple[tuple[str, ChannelDecoder], ...] = ()
         if channel.decoder:
             plugin = registry.find("ariac_score.decoders", channel.decoder)

@@ -177,11 +177,54 @@ def test_other_names_of_kinds_in_trial_and_monitor_give_the_same_findings(
         assert before == after
 
 
-def test_the_findings_compared_above_are_of_every_verdict() -> None:
-    trials = [recorded(["robot", "human", "human", "cart"], seed, 20) for seed in range(30)]
-    verdicts = {one.verdict for trial in trials for one in found(trial, near("robot", "human"))}
+@pytest.mark.parametrize("asked", [("robot", "human"), ("human", "robot"), ("cart", "cart")])
+def test_the_findings_compared_above_are_of_every_verdict(asked: tuple[str, str]) -> None:
+    kinds = ["robot", "human", "human", "cart", "cart"]
+    trials = [recorded(kinds, seed, 20) for seed in range(30)]
+    verdicts = {one.verdict for trial in trials for one in found(trial, near(*asked))}
 
     assert verdicts >= {Verdict.VIOLATED, Verdict.SATISFIED, Verdict.INCONCLUSIVE}
+
+
+def test_what_only_helps_is_derived_of_the_kinds_too() -> None:
+    monitor, trial = near("cart", "boat"), recorded(["cart", "boat"], 1, 20)
+
+    signals = with_derived(trial, list(monitor.needs()), Registry()).signals
+
+    assert {"centre_distance_2d/body_0/body_1", "relative_speed/body_0/body_1"} <= signals.keys()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("stl.formula", {"formula": "always (d >= 2)", "signals": {"d": "separation of body_0/body_1 in m"}}),
+        (
+            "rml.spec",
+            {
+                "spec": "ok matches {topic: 'apart', d: d} with d >= 2; Main = ok*;",
+                "events": {"apart": {"d": "separation/body_0/body_1"}},
+            },
+        ),
+        ("formula.always", {"holds": "d >= 2", "signals": {"d": "separation/{cart}/{boat}"}}),
+    ],
+)
+@pytest.mark.parametrize(("apart_m", "verdict"), [(2.0, Verdict.SATISFIED), (1.9, Verdict.VIOLATED)])
+def test_formulas_may_be_about_any_two_bodies(
+    name: str, parameters: dict[str, Any], apart_m: float, verdict: Verdict
+) -> None:
+    t = np.arange(11) * 0.05
+    places = {"body_0": [0.0, 0, 0], "body_1": [apart_m, 0, 0]}
+    signals = {
+        f"position/{one}": Signal(f"position/{one}", "m", t, np.tile(place, (11, 1)))
+        for one, place in places.items()
+    }
+    both = (Body("body_0", "cart"), Body("body_1", "boat"))
+    trial = Trial("t", bodies=both, signals=signals, recorded=Span(0.0, 0.5))
+    monitor = Registry().find("ariac_score.monitors", name).build({**parameters, "max_gap_s": 0.1})
+
+    (finding,) = found(trial, monitor)
+
+    assert finding.verdict is verdict, finding.message
 
 
 def test_a_bystander_of_another_kind_changes_nothing() -> None:

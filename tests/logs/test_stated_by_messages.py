@@ -121,6 +121,7 @@ def test_a_message_and_a_constant_may_not_contradict_each_other(tmp_path: Path) 
         ("kind: contact, subject: arm}", "kind: contact}\n    decoder: x", "both 'event' and 'decoder'"),
         ("unit: N}\n      push", "}\n      push", "key 'unit' is missing"),
         ("kind: contact, ", "", "key 'kind' is missing"),
+        ("limit, facts", "limit, as_consumed: true, facts", "has nothing as consumed"),
         ("limit, facts", "limit, poses: frames, facts", "a channel of poses has no 'facts'"),
     ],
 )
