@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     )
     from ariac_score.logs.logmap import load_log_map
     from ariac_score.logs.messages import RecordedMessage, read_messages
-    from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
+    from ariac_score.ranking.evaluation import Entry, Evaluation, PlannedItem, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
     from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result
     from ariac_score.results.result_file import as_json, load_result
@@ -169,7 +169,7 @@ _MODULE_OF = {
     "OfficialResult": "ariac_score.trial.model",
     "OnlineMonitor": "ariac_score.checks.contracts",
     "OnlineWatch": "ariac_score.checks.contracts",
-    "OrderPlan": "ariac_score.ranking.evaluation",
+    "PlannedItem": "ariac_score.ranking.evaluation",
     "PART_DROPPED": "ariac_score.trial.events",
     "ParameterFacts": "ariac_score.checks.parameters",
     "Pinned": "ariac_score.results.result",
@@ -280,9 +280,9 @@ __all__ = [
     "OfficialResult",
     "OnlineMonitor",
     "OnlineWatch",
-    "OrderPlan",
     "ParameterFacts",
     "Pinned",
+    "PlannedItem",
     "Pose",
     "Provenance",
     "Quantity",

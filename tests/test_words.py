@@ -68,6 +68,25 @@ def test_no_identifier_or_message_of_the_core_holds_a_word_of_a_competition() ->
     assert not found_in_code()
 
 
+def texts_shipped() -> list[Path]:
+    """What else the core is made of: templates of pages and of `new`, styles, scripts, messages."""
+    kinds = {".j2", ".css", ".js", ".msg", ".tmpl", ".json", ".yaml"}
+    return sorted(path for path in CORE.rglob("*") if path.suffix in kinds)
+
+
+def test_no_template_style_or_message_of_the_core_holds_a_word_of_a_competition() -> None:
+    shipped = texts_shipped()
+    assert {path.suffix for path in shipped} >= {".j2", ".css", ".js", ".msg", ".tmpl"}
+
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {word}"
+        for path in shipped
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        for word in sorted(words_in(line))
+    ]
+    assert not found
+
+
 def test_no_schema_holds_a_word_of_a_competition() -> None:
     for path in sorted((ROOT / "schemas").glob("*.json")):
         texts = schema_texts(json.loads(path.read_text(encoding="utf-8")))

@@ -9,14 +9,15 @@ from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.engine.measure import decidable
-from ariac_score.engine.prepared import prepare
-from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.engine.prepared import prepare, words_of
+from ariac_score.engine.read import competition_of, find_trial, read_trial
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
 from ariac_score.trial.vocabulary import QUANTITIES
+from ariac_score.trial.words import HANDED_IN, Words
 from ariac_score.trial.work import Fact, WorkItem, announced_s
 
 EXIT_DAMAGED = 6
@@ -102,17 +103,16 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     except LogError as error:
         return ["", f"As a trial: {error} — {error.hint}"]
     lines = ["", f"Under log map {mapping.id}"]
-    for item in trial.work:
-        t_s = announced_s(item)
-        facts = "".join(f", {plain(name)} {_said(value)}" for name, value in sorted(item.facts.items()))
-        announced = f"announced {'at an unknown time' if t_s is None else f'{t_s:.3f} s'}"
-        inside = ", ".join(map(_inside, item.items)) or "nothing inside"
-        lines.append(f"  {plain(item.level)} {plain(item.id)}{facts}, {announced}: {inside}")
-    lines.append(f"  submissions: {len(trial.submissions)}")
-    lines += [f"  {body.kind} {plain(body.id)}, {len(body.links)} links" for body in trial.bodies]
+    words = prepared.words if prepared else words_of(competition_of(mapping, registry))
+    lines += [_item_line(item, words) for item in trial.work]
+    if words.hands_in or trial.submissions:
+        lines.append(f"  {plain(words.many(HANDED_IN))}: {len(trial.submissions)}")
+    for body in trial.bodies:
+        links = f", {len(body.links)} links" if body.links else ""
+        lines.append(f"  {body.kind} {plain(body.id)}{links}")
     window = trial.window
     if window:
-        lines.append(f"  competition from {window.start_s:.3f} s to {window.end_s:.3f} s")
+        lines.append(f"  {plain(words.period)} from {window.start_s:.3f} s to {window.end_s:.3f} s")
     lines.append(f"  signals: {', '.join(map(plain, trial.signals)) or 'none'}")
     if trial.as_consumed:
         lines.append(f"  as consumed: {', '.join(map(plain, trial.as_consumed))}")
@@ -130,10 +130,25 @@ def _said(value: Fact) -> str:
     return "absent" if value is None else plain(value) if isinstance(value, str) else f"{value:g}"
 
 
-def _inside(item: WorkItem) -> str:
+def _item_line(item: WorkItem, words: Words) -> str:
+    """An outermost item: its facts, when it was announced, what is inside."""
+    t_s = announced_s(item)
+    parts = [f"{plain(name)} {_said(value)}" for name, value in sorted(item.facts.items())]
+    if t_s is not None:
+        parts.append(f"announced {t_s:.3f} s")
+    elif words.hands_in:
+        parts.append("announced at an unknown time")
+    inside = ", ".join(_inside(inner, words) for inner in item.items)
+    if not inside and len(words.of_work) != 1:
+        inside = "nothing inside"
+    facts = "".join(f", {part}" for part in parts)
+    return f"  {plain(words.one(item.level))} {plain(item.id)}{facts}{': ' if inside else ''}{inside}"
+
+
+def _inside(item: WorkItem, words: Words) -> str:
     """An item inside another, in words."""
-    more = [words] if (words := getattr(item, "words", "")) else []
-    more += (
-        [f"{len(item.items)} {item.items[0].level}{'s' if len(item.items) > 1 else ''}"] if item.items else []
-    )
+    more = [own] if (own := getattr(item, "words", "")) else []
+    if item.items:
+        level, count = item.items[0].level, len(item.items)
+        more.append(f"{count} {words.one(level) if count == 1 else words.many(level)}")
     return plain(item.id) + (f" ({plain(', '.join(more))})" if more else "")

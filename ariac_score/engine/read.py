@@ -185,7 +185,7 @@ def read_trial(
     sources = source_quantities(quantities)
     trials: dict[int, Trial] = {}
     # Recordings last: what the other files state of the trial may stand in names of the log map.
-    facts: dict[str, Fact] = {}
+    facts: dict[str, Fact] = dict(log_map.facts)
     order = sorted(enumerate(bundle.parts), key=lambda numbered: numbered[1].role == "log")
     for done_before, (number, part) in enumerate(order):
 
@@ -198,6 +198,8 @@ def read_trial(
         facts |= {} if part.role == "log" else trials[number].facts
     name = trials[0].id if len(trials) == 1 else bundle.id
     in_order = [trials[number] for number in range(len(trials))]
+    if log_map.facts:
+        in_order.append(Trial(f"log map {log_map.id}", facts=log_map.facts))
     trial = merge_trials(name, in_order, file=bundle.root, competition=own)
     # Before the work is missed: a run that crashed has none, and a ranking counts it as 0.
     if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import ChainMap
+from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,15 @@ from ariac_score.documents.given import name_or_path
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import LogMapError, PluginNotFoundError, did_you_mean
-from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap, PluginUse
+from ariac_score.trial.channels import (
+    BodyMatch,
+    Channel,
+    FieldMap,
+    LogMap,
+    NamedEvent,
+    NumberField,
+    PluginUse,
+)
 from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import (
     ENVIRONMENT,
@@ -171,6 +180,7 @@ def _parsed(document: YamlDocument) -> LogMap:
         competition=_plugin_use(document, "competition"),
         sha256=document.sha256,
         file=str(document.file),
+        facts=data.get("facts", {}),
     )
     log_map.refuse_stray_braces()
     return log_map
@@ -213,13 +223,16 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         _field_map(document, index, name, [fields] if isinstance(fields, str) else fields, bodies)
         for name, fields in data.get("signals", {}).items()
     )
-    if not (signals or data.get("poses") or data.get("decoder") or data.get("witnesses")):
+    if not (signals or any(data.get(key) for key in ("poses", "decoder", "event", "facts", "witnesses"))):
         raise LogMapError(
-            "a channel must map signals, poses or a decoder, or witness something",
+            "a channel must map signals, poses, an event, facts or a decoder, or witness something",
             file=document.file,
             place=document.place(["channels", index]),
-            hint="add 'signals:', 'poses:', 'decoder:' or 'witnesses:'",
+            hint="add 'signals:', 'poses:', 'event:', 'facts:', 'decoder:' or 'witnesses:'",
         )
+    for key, cause, hint in _contradictions(data):
+        place = document.place(["channels", index, key])
+        raise LogMapError(cause, file=document.file, place=place, hint=hint)
     topic = data["topic"]  # ROS 1 tools write it without the leading slash as well
     return Channel(
         topic=topic if topic.startswith("/") else f"/{topic}",
@@ -231,7 +244,22 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
         as_consumed=data.get("as_consumed", False),
+        event=NamedEvent(**data["event"]) if "event" in data else None,
+        numbers=tuple(NumberField(n, f["field"], f["unit"]) for n, f in data.get("numbers", {}).items()),
+        facts=tuple(data.get("facts", {}).items()),
     )
+
+
+def _contradictions(data: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """What a channel says that cannot be together: the key, the cause, the remedy."""
+    if "event" in data and "decoder" in data:
+        yield "event", "both 'event' and 'decoder' say what its messages are", "name one of them"
+    if "numbers" in data and not {"event", "decoder"} & data.keys():
+        yield "numbers", "no event has its 'numbers'", "add 'event:', or the 'decoder:' that makes the events"
+    if data.get("as_consumed") and not data.get("signals"):
+        yield "as_consumed", "a channel without signals has nothing as consumed", "map its 'signals:'"
+    for key in sorted({"event", "facts"} & data.keys()) if "poses" in data else ():
+        yield key, f"a channel of poses has no {key!r}", "give the topic a second channel"
 
 
 _NAMED = {"pair": "two bodies", "body": "one body", ENVIRONMENT: "the environment"}

@@ -29,6 +29,7 @@ from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.logs.containers.items import normalised_type
+from ariac_score.logs.gather.stated import ChannelDecoder
 from ariac_score.logs.rosmonitoring import channel_of, clock_of, fields_of, stamp_s
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.channels import FieldMap, LogMap
@@ -125,6 +126,7 @@ class RulesBench:
         prepared = prepare(rule_set, log_map=log_map, registry=registry)
         prepared.refuse_unknown_quantities()
         self._map = prepared.log_map
+        self._map.refuse_unfilled()  # no file beside a trace states facts
         self._lives: list[_Live] = []
         later: dict[str, str] = {}
         for name, each in prepared.checks.items():
@@ -213,7 +215,7 @@ class _Topic:
     """
 
     sources: tuple[_Source, ...] = ()
-    decoders: tuple[tuple[str, GuardedDecoder], ...] = ()
+    decoders: tuple[tuple[str, ChannelDecoder], ...] = ()
 
     def events(self, event: Event, t_s: float) -> list[Happened]:
         """The events of the trial in a message; one that cannot be decoded is left to the end."""
@@ -234,11 +236,15 @@ _NOTHING = _Topic()
 def _topics(log_map: LogMap, wanted: frozenset[str], registry: Registry) -> dict[str, _Topic]:
     found: dict[str, _Topic] = {}
     for channel in log_map.channels:
-        own = tuple(_source(f) for f in channel.signals if f.signal in wanted)
-        decoders: tuple[tuple[str, GuardedDecoder], ...] = ()
+        over_time = () if channel.as_consumed else channel.signals
+        own = tuple(_source(f) for f in over_time if f.signal in wanted)
+        decoders: tuple[tuple[str, ChannelDecoder], ...] = ()
         if channel.decoder:
             plugin = registry.find("ariac_score.decoders", channel.decoder)
-            decoders = ((normalised_type(channel.type), GuardedDecoder(plugin, plugin.build({}))),)
+            guarded = GuardedDecoder(plugin, plugin.build({}))
+            decoders = ((normalised_type(channel.type), ChannelDecoder(channel, guarded)),)
+        elif channel.event:
+            decoders = ((normalised_type(channel.type), ChannelDecoder(channel)),)
         if own or decoders:
             topic = "/" + channel.topic.strip("/")
             known = found.get(topic, _NOTHING)

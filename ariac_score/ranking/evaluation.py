@@ -24,7 +24,7 @@ __all__ = [
     "Entry",
     "Evaluation",
     "EvaluationProgram",
-    "OrderPlan",
+    "PlannedItem",
     "Stop",
     "evaluation_program",
     "strict_evaluation",
@@ -34,12 +34,12 @@ GROUP = "ariac_score.evaluations"
 
 
 @dataclass(frozen=True)
-class OrderPlan:
-    """An order of the trial file.
+class PlannedItem:
+    """An outermost item of work in the trial file.
 
     Attributes:
         id: As in the file.
-        priority: Whether it is a priority order.
+        priority: Whether it goes before others.
     """
 
     id: str
@@ -72,9 +72,9 @@ class Entry:
     Attributes:
         run: Folder of the best run; empty when there is none.
         raw: Integer sum of its task scores.
-        scores: By order; `None` where it was not submitted.
-        durations_s: By order, s.
-        cost: Sensor cost, dollars.
+        scores: By item; `None` where it was not submitted.
+        durations_s: By item, s.
+        cost: What the team paid for its equipment, dollars.
         score: Trial score.
         remarks: Quirks that moved a number.
     """
@@ -94,13 +94,13 @@ class Evaluation:
 
     Attributes:
         trials: By trial (sorted by name) the entry of each team; teams that stopped the program are missing.
-        orders: The orders of each trial.
+        work: The outermost items of each trial.
         leaderboard: Team and sum, best first; equal ones in the order of the teams.
         stops: Where the program would have stopped.
     """
 
     trials: Mapping[str, Mapping[str, Entry]]
-    orders: Mapping[str, Sequence[OrderPlan]]
+    work: Mapping[str, Sequence[PlannedItem]]
     leaderboard: tuple[tuple[str, float], ...]
     stops: tuple[Stop, ...]
 
@@ -112,12 +112,12 @@ class EvaluationProgram(Protocol):
     Rule sets name it in `ranking: {strict: NAME}`.
     """
 
-    def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
+    def evaluate(self, logs: Path, work: Mapping[str, Sequence[PlannedItem]]) -> Evaluation:
         """Evaluate as the organisers' program does.
 
         Args:
             logs: The folder with a folder for each team, which holds one for each run.
-            orders: The orders of each trial that has a configuration, in the order of that file.
+            work: The outermost items of each trial that has a configuration, in the order of that file.
         """
         ...
 
@@ -157,32 +157,32 @@ def strict_evaluation(
     """
     registry = registry or Registry()
     program = evaluation_program(name, registry)
-    orders = {trial.id: _planned(competition, trial, log_map, registry) for trial in competition.trials}
+    work = {trial.id: _planned(competition, trial, log_map, registry) for trial in competition.trials}
     if competition.logs is None:
         raise LogError(
             "the organisers' program reads runs from <team>/<trial>_<n>, and these lie otherwise",
             file=competition.file,
             hint="rank with --policy robust",
         )
-    return program.evaluate(competition.logs, orders)
+    return program.evaluate(competition.logs, work)
 
 
 def _planned(
     competition: Competition, trial: TrialPlan, log_map: LogMap, registry: Registry
-) -> list[OrderPlan]:
-    """The orders of a trial as its configuration states them."""
+) -> list[PlannedItem]:
+    """The outermost items of a trial as its configuration states them."""
     if trial.config is None:
         raise LogError(
-            f"trial {trial.id!r} has no configuration; the organisers' program takes its orders from there",
+            f"trial {trial.id!r} has no configuration; the organisers' program takes its work from there",
             file=competition.file,
             hint="add trials/<trial>.yaml, or 'config:' to the trial",
         )
     readers, _ = open_readers(registry)
-    # Any reader that knows the file: only a plugin knows how an edition writes its trials.
+    # Any reader that knows the file: only a plugin knows how its competition writes its trials.
     reader = next((r for _, r in sorted(readers.items()) if r.can_read(trial.config)), None)
     if reader is None:
         raise LogError("no reader recognises this configuration", file=trial.config, hint="check the file")
     return [
-        OrderPlan(item.id, (number_of_fact(item.facts, "priority") or 0) > 1)
+        PlannedItem(item.id, (number_of_fact(item.facts, "priority") or 0) > 1)
         for item in reader.read(trial.config, Wanted(log_map)).work
     ]

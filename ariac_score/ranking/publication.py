@@ -15,7 +15,7 @@ from ariac_score.checks.registry import Plugin, package_sha256
 from ariac_score.errors import DataFileError, PluginError
 from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
-from ariac_score.ranking.evaluation import Entry, Evaluation, OrderPlan, Stop
+from ariac_score.ranking.evaluation import Entry, Evaluation, PlannedItem, Stop
 from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
@@ -126,14 +126,14 @@ class OrganisersRanking(Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         trials: By trial the entry of each team; teams that stopped the program are missing.
-        orders: The orders of each trial; null where an older version kept none.
+        orders: The outermost items of each trial; null where an older version kept none.
         leaderboard: Team and sum, best first.
         stops: Where the program would have stopped.
         differences: Every trial score, sum and rank in which this ranking differs.
     """
 
     trials: Mapping[str, Mapping[str, Entry]]
-    orders: Mapping[str, tuple[OrderPlan, ...]] | None
+    orders: Mapping[str, tuple[PlannedItem, ...]] | None
     leaderboard: tuple[tuple[str, Number], ...]
     stops: tuple[Stop, ...]
     differences: tuple[RankingDifference, ...]
@@ -313,7 +313,7 @@ def ranking_json(
 def _organisers(strict: Evaluation, differences: tuple[RankingDifference, ...]) -> OrganisersRanking:
     return OrganisersRanking(
         trials=strict.trials,
-        orders={trial: tuple(orders) for trial, orders in strict.orders.items()},
+        orders={trial: tuple(work) for trial, work in strict.work.items()},
         leaderboard=strict.leaderboard,
         stops=strict.stops,
         differences=differences,

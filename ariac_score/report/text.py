@@ -11,7 +11,7 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.report.words import period, words_of
+from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.expression import Traced
@@ -79,7 +79,7 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     if measured.window is not None:
         span = measured.window
         times = f"{span.start_s:.3f} s to {span.end_s:.3f} s ({span.duration_s:.3f} s)"
-        yield style(f"{plain(period(words_of(result)))} from {times}, {plain(measured.clock)}", "dim")
+        yield style(f"{plain(words_of(result).period)} from {times}, {plain(measured.clock)}", "dim")
     official = measured.official
     if official is not None and official.total is not None:
         yield from _official(result, official.total, style)

@@ -6,7 +6,7 @@ from ariac_score.results.result import Result
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.words import Words
 
-__all__ = ["capital", "period", "words_of"]
+__all__ = ["capital", "words_of"]
 
 
 def words_of(result: Result) -> Words:
@@ -15,12 +15,6 @@ def words_of(result: Result) -> Words:
     sketch = result.measured.sketch
     spoken = {named.level: (named.one, named.many) for named in sketch.levels} if sketch else {}
     return Words(spoken, levels)
-
-
-def period(words: Words) -> str:
-    """What began and ended: the competition, or what it calls a single trial where that is another word."""
-    word = words.one("trial")
-    return "competition" if word == "trial" else word
 
 
 def capital(words: str) -> str:

@@ -263,40 +263,40 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
 
 def _block_of(official: OfficialResult, competition: Any) -> PrintedBlock:
     """The text as blocks: the trial, its outermost items, what is printed of anything inside them."""
-    # Readers write the place of an item into its label: `shipment_0/completed`.
+    # Readers write the place of an item into its label: `bolt_2/placed`.
     values = {label: value for label, value in official.items.items() if "/" not in label}
     if official.total is not None:
         values.setdefault("final_score", f"{official.total:.12g}")
     return PrintedBlock(
-        "trial", "", values, inner=tuple(_order_block(order, competition) for order in official.summaries)
+        "trial", "", values, inner=tuple(_item_block(one, competition) for one in official.summaries)
     )
 
 
-def _order_block(order: OfficialOrder, competition: Any) -> PrintedBlock:
-    blocks: dict[str, dict[str, str]] = {"": _facts_of(order)}
-    for label, value in order.items.items():
+def _item_block(item: OfficialOrder, competition: Any) -> PrintedBlock:
+    blocks: dict[str, dict[str, str]] = {"": _facts_of(item)}
+    for label, value in item.items.items():
         inside, _, own = label.rpartition("/")
         blocks.setdefault(inside, {})[own] = value
-    of_order = blocks.pop("")
+    of_item = blocks.pop("")
     levels = getattr(competition, "levels", ("item", "trial"))
     level_of = getattr(competition, "printed_level", lambda _name: levels[0])
-    inner = tuple(_inner_block(order, level_of(name), name, values) for name, values in blocks.items())
-    return PrintedBlock(levels[-2], order.id, of_order, order.kind, inner)
+    inner = tuple(_inner_block(item, level_of(name), name, values) for name, values in blocks.items())
+    return PrintedBlock(levels[-2], item.id, of_item, item.kind, inner)
 
 
-def _inner_block(order: OfficialOrder, level: str, name: str, values: Mapping[str, str]) -> PrintedBlock:
-    """Something inside an order, known by its printed id or else by its name in the text."""
+def _inner_block(item: OfficialOrder, level: str, name: str, values: Mapping[str, str]) -> PrintedBlock:
+    """Something inside an item, known by its printed id or else by its name in the text."""
     own = {label: value for label, value in values.items() if label != "id"}
-    return PrintedBlock(level, f"{order.id}/{values.get('id', name)}", own, order.kind)
+    return PrintedBlock(level, f"{item.id}/{values.get('id', name)}", own, item.kind)
 
 
-def _facts_of(order: OfficialOrder) -> dict[str, str]:
+def _facts_of(item: OfficialOrder) -> dict[str, str]:
     """What the reader took from a summary, under the names that formulas use."""
     facts: dict[str, object] = {
-        "summary_score": order.score,
-        "summary_max_score": order.max_score,
-        "summary_submitted": order.submitted,
-        "summary_priority": order.priority,
+        "summary_score": item.score,
+        "summary_max_score": item.max_score,
+        "summary_submitted": item.submitted,
+        "summary_priority": item.priority,
     }
     return {
         name: f"{value:g}" if isinstance(value, float) else str(value).lower()

@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import PluginError
+from ariac_score.monitors.subjects import Subjects
 from ariac_score.testing.contract_check import (
     HINT,
     ContractCheck,
@@ -34,6 +36,7 @@ from ariac_score.testing.contract_check import (
     undocumented,
 )
 from ariac_score.testing.forced import forced_trials
+from ariac_score.testing.made import inhabited
 from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
@@ -84,7 +87,7 @@ class _Checked:
         self.plugin = origin_of(check)
         self.printed: list[str] = []
         self.taken_s = 0.0
-        self._trial = trial
+        self._given = trial
         self._derived: Trial | None = None
         self._findings: list[Finding] | None = None
 
@@ -131,6 +134,15 @@ class _Checked:
         return [ContractCheck(*each) for each in named]
 
     # What the checks below share
+
+    @cached_property
+    def _trial(self) -> Trial:
+        """The given trial; with whom the monitor is about, where it has nobody such."""
+        try:
+            subjects = getattr(self.check, "subjects", None)
+        except Exception:  # noqa: BLE001  # the checks below say what is wrong with it
+            return self._given
+        return inhabited(self._given, subjects) if isinstance(subjects, Subjects) else self._given
 
     @property
     def trial(self) -> Trial:
@@ -255,7 +267,7 @@ class _Checked:
 
     def needs_declared(self) -> None:
         for need in needs_of(self.plugin, "contract", self.check):
-            recorded = (s for n, s in self.trial.signals.items() if n.startswith(f"{need.quantity}/"))
+            recorded = (s for s in self.trial.sampled if s.name.startswith(f"{need.quantity}/"))
             for signal in recorded:
                 if signal.unit != need.unit:
                     raise self.broken(

@@ -14,6 +14,7 @@ import numpy as np
 
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError
+from ariac_score.monitors.subjects import Subjects
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.testing.trials import near_miss_trial
 from ariac_score.trial.events import ARM_COLLISION, ORDER_ANNOUNCED, PART_DROPPED, Event
@@ -23,7 +24,7 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity
 from ariac_score.trial.work import Item, Submission
 
-__all__ = ["example_trial", "made_trial", "made_trial_for"]
+__all__ = ["example_trial", "inhabited", "made_trial", "made_trial_for"]
 
 _COMPETITIONS = "ariac_score.competitions"
 
@@ -42,6 +43,7 @@ _EVENTS = (
     Event(28.0, "pose_attained", "robot"),
     Event(31.0, "part_assembled", "as2", "battery"),
 )
+_LONGEST_S, _STEP_S = 120.0, 0.01
 _FLAG_PERIODS_S = (10.0, 14.0)
 """Two, so that a flag is also on while another is off."""
 
@@ -129,6 +131,29 @@ def _triangle(t: FloatArray, period_s: float) -> FloatArray:
     """From 1 to -1 and back; no sine, whose last bits differ between machines."""
     wave: FloatArray = np.abs(np.mod(t, period_s) / period_s * 4.0 - 2.0) - 1.0
     return wave
+
+
+def inhabited(trial: Trial, subjects: Subjects) -> Trial:
+    """The trial with bodies that a monitor is about, and everything known of them, where it has nobody such.
+
+    A trial without a recording, or with a very long one, stays as it is.
+    """
+    recorded = trial.recorded
+    if subjects.of(trial.bodies) or recorded is None or recorded.duration_s > _LONGEST_S:
+        return trial
+    bodies = list(trial.bodies)
+    for kind in dict.fromkeys(subjects.kinds):
+        lacking = subjects.kinds.count(kind) - len(trial.bodies_of(kind))
+        bodies += [Body(f"{kind}_made_{number + 1}", kind, radius_m=0.5) for number in range(lacking)]
+    those = subjects.of(bodies)
+    pairs = [subject.name for subject in those if len(subject.bodies) == 2]
+    points = {"body": sorted({body for subject in those for body in subject.bodies.values()}), "pair": pairs}
+    t = np.arange(recorded.start_s, recorded.end_s, _STEP_S)
+    made: dict[str, Signal] = {}
+    for name, quantity in _usable():
+        for one in points.get(quantity.of, ()):
+            made[f"{name}/{one}"] = _made(f"{name}/{one}", quantity, t, len(made))
+    return replace(trial, bodies=tuple(bodies), signals={**made, **trial.signals})
 
 
 def made_trial_for(plugin: Plugin, registry: Registry) -> Trial:

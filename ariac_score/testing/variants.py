@@ -20,20 +20,27 @@ __all__ = ["SIGNAL_VARIANTS", "bare", "only", "reordered", "shifted", "without"]
 def reordered(trial: Trial) -> Trial:
     """The same signals and bodies, listed the other way round."""
     return replace(
-        trial, signals=dict(reversed([*trial.signals.items()])), bodies=tuple(reversed(trial.bodies))
+        trial,
+        signals=dict(reversed([*trial.signals.items()])),
+        as_consumed=dict(reversed([*trial.as_consumed.items()])),
+        bodies=tuple(reversed(trial.bodies)),
     )
 
 
 def without(trial: Trial, quantities: Iterable[str]) -> Trial:
     """The trial without the signals of some quantities."""
     gone = frozenset(quantities)
-    return replace(trial, signals={n: s for n, s in trial.signals.items() if quantity_of(n) not in gone})
+    return replace(
+        trial,
+        signals={n: s for n, s in trial.signals.items() if quantity_of(n) not in gone},
+        as_consumed={n: s for n, s in trial.as_consumed.items() if quantity_of(n) not in gone},
+    )
 
 
 def only(trial: Trial, quantities: Iterable[str]) -> Trial:
     """The trial with the signals of some quantities alone."""
     kept = frozenset(quantities)
-    return without(trial, {quantity_of(name) for name in trial.signals} - kept)
+    return without(trial, {quantity_of(one.name) for one in trial.sampled} - kept)
 
 
 def bare(trial: Trial) -> Trial:

@@ -16,7 +16,7 @@ from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 from ariac_score.trial.work import Fact
 
-__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap", "PluginUse"]
+__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap", "NamedEvent", "NumberField", "PluginUse"]
 
 _NAMED = re.compile(r"\{([a-z][a-z0-9_]*)\}")
 """A fact of the trial within a name."""
@@ -39,6 +39,34 @@ class FieldMap:
 
 
 @dataclass(frozen=True)
+class NamedEvent:
+    """The event that every message of a topic is.
+
+    Attributes:
+        kind: What happens.
+        subject: To whom or what; empty when it concerns the trial.
+    """
+
+    kind: str
+    subject: str = ""
+
+
+@dataclass(frozen=True)
+class NumberField:
+    """A number that the events of a topic carry.
+
+    Attributes:
+        name: Its name in the event.
+        field: Dotted path of the field it comes from.
+        unit: Of the field.
+    """
+
+    name: str
+    field: str
+    unit: str
+
+
+@dataclass(frozen=True)
 class Channel:
     """What one topic of a recording means.
 
@@ -53,6 +81,9 @@ class Channel:
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
         as_consumed: Whether its signals are series, every value in the order of the recording; see `Series`.
+        event: What every message is, where no decoder says it.
+        numbers: What the events of the topic carry.
+        facts: Names of facts of the trial, each with the dotted path of the field that states it.
     """
 
     topic: str
@@ -64,6 +95,14 @@ class Channel:
     witnesses: tuple[str, ...] = ()
     optional: bool = False
     as_consumed: bool = False
+    event: NamedEvent | None = None
+    numbers: tuple[NumberField, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Whether whole messages are needed, whatever is measured."""
+        return bool(self.decoder or self.event or self.facts)
 
 
 @dataclass(frozen=True)
@@ -131,6 +170,7 @@ class LogMap:
         competition: Whose logs they are; it joins what several logs of a trial say.
         sha256: Hash of the file it came from; empty for one made in memory.
         file: The file it came from, for error messages.
+        facts: Of every trial that it reads; `None`: known to be absent.
     """
 
     id: str
@@ -145,6 +185,7 @@ class LogMap:
     competition: PluginUse | None = None
     sha256: str = ""
     file: str = field(default="", compare=False)
+    facts: Mapping[str, Fact] = field(default_factory=dict)
 
     def filled(self, facts: Mapping[str, Fact]) -> LogMap:
         """The map with `{name}` in names of frames, models, topics and fields filled from facts of a trial.
@@ -171,7 +212,9 @@ class LogMap:
 
         def channel(one: Channel) -> Channel:
             signals = (replace(f, fields=tuple(map(plain, f.fields))) for f in one.signals)
-            return replace(one, topic=plain(one.topic), signals=tuple(signals))
+            numbers = tuple(replace(n, field=plain(n.field)) for n in one.numbers)
+            facts = tuple((name, plain(path)) for name, path in one.facts)
+            return replace(one, topic=plain(one.topic), signals=tuple(signals), numbers=numbers, facts=facts)
 
         return replace(
             self,
@@ -222,6 +265,8 @@ class LogMap:
             yield f"$.channels[{i}].topic", channel.topic
             for signal in channel.signals:
                 yield from ((f"$.channels[{i}].signals.{signal.signal}", path) for path in signal.fields)
+            yield from ((f"$.channels[{i}].numbers.{n.name}", n.field) for n in channel.numbers)
+            yield from ((f"$.channels[{i}].facts.{name}", path) for name, path in channel.facts)
 
     def _text_of(self, named: re.Match[str], facts: Mapping[str, Fact]) -> str:
         if named[1] not in facts:
@@ -247,7 +292,7 @@ class LogMap:
         return tuple(
             channel
             for channel in self.channels
-            if channel.decoder  # needed whatever is measured: work, submissions, events
+            if channel.whole  # needed whatever is measured: work, submissions, events
             or (channel.poses and "position" in wanted)
             or (channel.poses == "models" and self.tracks is not None)
             or any(quantity_of(f.signal) in wanted for f in channel.signals)

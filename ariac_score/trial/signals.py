@@ -172,6 +172,18 @@ class Series:
         """Differs between series that exist at the same time unless they share times and values."""
         return id(self.t), id(self.values)
 
+    def to_frame(self) -> Any:
+        """The samples as a `pandas.DataFrame`, by their numbers from 0, stamps in the column `t_s`.
+
+        The units are in `attrs["units"]`.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        columns = columns_of(self.name, self.values)
+        units = {"t_s": "s", **dict.fromkeys(columns, self.unit)}
+        return frame({"t_s": self.t, **columns}, units=units)
+
     def sample(self, i: int) -> Sample:
         """The i-th sample, as evidence."""
         return _sample_of(self, i)

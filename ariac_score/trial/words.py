@@ -56,6 +56,12 @@ class Words:
         """Whether anything is handed in, and so announced before."""
         return HANDED_IN in self.spoken or HANDED_IN in self.levels
 
+    @property
+    def period(self) -> str:
+        """What begins and ends: the competition, or a trial where it is called by another word."""
+        word = self.one(_TRIAL)
+        return "competition" if word == _TRIAL else word
+
     def none_announced(self, level: str = "") -> str:
         """That there was nothing of a level, by default of the outermost."""
         word = self.one(level or self.outermost)

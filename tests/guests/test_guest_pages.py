@@ -106,6 +106,28 @@ def test_text_and_messages_use_the_words_of_the_competition(
     assert "order" not in refused
 
 
+@pytest.mark.parametrize(
+    ("recording", "rules", "line"),
+    [
+        ("robocup_work/recording/bmt_1", "robocup_work.bmt_2024", "  run from 0.000 s to 258.000 s"),
+        (
+            "carla/recording/results_2_0.json",
+            "carla.2_0",
+            "  route RouteScenario_2_rep0, duration_s 92.1, length_m 655.3, status Perfect",
+        ),
+    ],
+)
+def test_info_uses_the_words_of_the_competition(
+    recording: str, rules: str, line: str, guests: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(guests / recording), "--rules", rules]) == 0
+
+    out = capsys.readouterr().out
+    assert line in out.splitlines()
+    assert "announced" not in out
+    assert "submission" not in out
+
+
 def test_a_panel_of_a_guest_shows_what_the_leaderboard_wrote(guests: Path, tmp_path: Path) -> None:
     text = seen(page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path))
 

@@ -13,6 +13,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import read_trial
 from ariac_score.errors import LogMapError
 from ariac_score.logs.bundle import Bundle, Part
+from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap
@@ -77,7 +78,7 @@ def read(folder: Path, stated: dict[str, Any] | None, text: str = MAP) -> Trial:
         load_log_map(folder / "cables.yaml"),
         Registry(),
         quantities=["position", "tcp_speed"],
-        orders=False,
+        work=False,
     )
 
 
@@ -132,6 +133,13 @@ def test_a_fact_in_a_pattern_stands_for_its_own_characters() -> None:
 
     assert frame.body_for("[b]*_link") is not None
     assert frame.body_for("bb_link") is None
+
+
+def test_a_gazebo_log_is_not_read_for_models_of_an_unknown_name(tmp_path: Path) -> None:
+    log_map = LogMap("m", models=(BodyMatch("{robot}", "robot"),))
+
+    with pytest.raises(LogMapError, match=r"'\{robot\}' names the fact 'robot', which no file"):
+        GazeboStateReader().read(tmp_path / "state.log", Wanted(log_map, frozenset({"position"})))
 
 
 def test_a_map_that_names_no_fact_is_the_same_map() -> None:

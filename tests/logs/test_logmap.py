@@ -224,7 +224,7 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "    decoder: ariac_score.records\n    witnesses: [submissions]\n",
             "    type: a/msg/B\n",
             "line 15, $.channels[1]",
-            "a channel must map signals, poses or a decoder, or witness something",
+            "a channel must map signals, poses, an event, facts or a decoder, or witness something",
             "add 'signals:'",
         ),
         (

@@ -20,6 +20,7 @@ from ariac_score import (
     InstantVerdict,
     Measure,
     Sample,
+    Series,
     Signal,
     Span,
     Trial,
@@ -389,6 +390,16 @@ class Held(MarginMonitor):
         if np.any(signals["height/{drone}"] > 100):
             raise UndecidedError("above 100 m nobody knows")
         return self.at_least(signals["height/{drone}"], 0.0, strict=True)
+
+
+def test_a_signal_that_only_helps_is_not_passed_over_where_it_is_as_consumed() -> None:
+    trial = replace(flight([0.0] * 3, [1.0, 2.0, 3.0]), bodies=(Body("d", "drone", links=("arm",)),))
+    arm = Series("height/d::arm", "m", np.zeros(2), np.zeros(2))
+
+    assert [one.verdict for one in Held().watch(trial)] == [Verdict.SATISFIED]
+    (finding,) = Held().watch(replace(trial, as_consumed={arm.name: arm}))
+    assert finding.verdict is Verdict.INCONCLUSIVE
+    assert "'height/d::arm' is there as consumed only" in finding.message
 
 
 def test_online_equality_breaks_a_strict_limit_and_what_is_unknown_is_inconclusive() -> None:

@@ -322,6 +322,29 @@ def test_a_monitor_whose_signals_have_to_be_derived_judges_at_the_end() -> None:
     assert bench.judge().take(snapshot(1.0)) == Opinion("unknown")
 
 
+def test_what_is_as_consumed_is_judged_by_nobody_event_by_event(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(
+        "id: consumed\ntitle: t\nsource: s\nextends: ariac2020\n"
+        "channels:\n  - {topic: /snapshot, as_consumed: true}\n"
+    )
+    bench = RulesBench(load_rule_set("paper2020"), Registry(), log_map=tmp_path / "map.yaml")
+
+    assert "separation" in PAPER.live
+    assert bench.live == ("no_arm_collision",)
+    assert bench.later["separation"] == "no topic gives its centre_distance and speed as they are"
+
+
+def test_an_event_that_the_log_map_makes_of_a_message_is_judged_when_it_comes(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(
+        "id: bumps\ntitle: t\nsource: s\nextends: ariac2020\n"
+        "channels:\n  - {topic: /bump, event: {kind: arm_collision}}\n"
+    )
+    judge = RulesBench(load_rule_set("paper2020"), Registry(), log_map=tmp_path / "map.yaml").judge()
+
+    assert "collision" not in judge.take(snapshot(0.0)).spec
+    assert "no_arm_collision" in judge.take({"topic": "/bump", "time": 0.01}).spec
+
+
 # Monitors of all sorts -------------------------------------------------------------------
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from ariac_score import Finding, MissingSignalError, SignalNeed, Trial, Verdict, parameter
+from ariac_score import Finding, MissingSignalError, SignalNeed, Span, Trial, Verdict, parameter
 from ariac_score.errors import PluginError
+from ariac_score.monitors import Bound, MarginMonitor, Signals, Subjects, bodies, pairs
 from ariac_score.testing import contract_checks
 from ariac_score.testing.contract import ContractCheck
 from ariac_score.testing.forced import MOST_TRIALS, forced_trials
+from ariac_score.testing.made import inhabited
 from ariac_score_ariac.testing import made_trial
 
 
@@ -131,3 +134,59 @@ def test_they_are_the_same_every_time() -> None:
         assert [*one.signals] == [*other.signals]
         for name, signal in one.signals.items():
             np.testing.assert_array_equal(signal.values, other.signals[name].values)
+
+
+@pytest.mark.parametrize(
+    "subjects", [pairs("vehicle", "pedestrian"), pairs("drone", "drone"), bodies("boat")]
+)
+def test_a_monitor_of_any_kinds_is_tried_with_bodies_of_these_kinds(subjects: Subjects) -> None:
+    template = {"boat": "speed/{boat}", "drone": "separation/{drone}/{other}"}.get(
+        subjects.kinds[0], "separation/{vehicle}/{pedestrian}"
+    )
+
+    @dataclass(frozen=True)
+    class Little(MarginMonitor):
+        """It never has more than one.
+
+        Measures:
+            How much there is.
+        Violated when:
+            It is more than one.
+        Source:
+            This test.
+        """
+
+        wanted: ClassVar = {template: "m/s" if "speed" in template else "m"}
+
+        def margin(self, signals: Signals) -> Bound:
+            return self.at_most(signals[template], 1.0)
+
+    Little.subjects = subjects  # type: ignore[assignment,method-assign]
+
+    assert check_named(Little()).run() in (None, "")
+    assert not subjects.of(made_trial().bodies)
+
+
+def test_a_trial_that_has_somebody_to_watch_stays_as_it_is() -> None:
+    trial = made_trial()
+
+    assert inhabited(trial, pairs("robot", "human")) is trial
+    assert inhabited(trial, Subjects()) is trial
+
+
+def test_one_body_of_a_kind_gets_a_second_where_two_are_watched_and_nothing_else_is_touched() -> None:
+    trial = made_trial()
+    lone = replace(trial, bodies=tuple(body for body in trial.bodies if body.kind != "robot")[:1])
+    kind = lone.bodies[0].kind
+
+    (subject,) = pairs(kind, kind).of(inhabited(lone, pairs(kind, kind)).bodies)
+
+    assert subject.name == f"{lone.bodies[0].id}/{kind}_made_1"
+    again = inhabited(lone, pairs(kind, kind)).signals
+    assert all(again[name] is signal for name, signal in lone.signals.items())
+
+
+def test_a_recording_too_long_to_fill_stays_as_it_is() -> None:
+    trial = replace(made_trial(), recorded=Span(0.0, 121.0))
+
+    assert inhabited(trial, pairs("vehicle", "pedestrian")) is trial

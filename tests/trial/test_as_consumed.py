@@ -32,6 +32,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.jsonl import JsonLinesReader
 from ariac_score.monitors import state_over
 from ariac_score.testing import write_trial_log
+from ariac_score.testing.variants import only, reordered, without
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -237,6 +238,23 @@ def test_a_flag_as_consumed_is_not_taken_for_one_that_was_never_on() -> None:
     flagged = trial(series("brake/arm", "1"), witnessed=frozenset({"brake"}))
     with pytest.raises(MissingSignalError, match="'brake/arm' is there as consumed only"):
         state_over(flagged, "brake", "arm", t, max_age_s=1.0)
+
+
+def test_a_table_of_it_goes_by_number() -> None:
+    pytest.importorskip("pandas")
+    table = series().to_frame()
+
+    assert table["t_s"].tolist() == [*T]
+    assert table.loc[2, "force/arm"] == 40.0
+    assert table.attrs["units"] == {"t_s": "s", "force/arm": "N"}
+
+
+def test_a_trial_without_a_quantity_lacks_its_series_too() -> None:
+    both = trial(series(), series("torque/arm", "N m"))
+
+    assert [one.name for one in without(both, {"force"}).sampled] == ["torque/arm"]
+    assert [one.name for one in only(both, {"force"}).sampled] == ["force/arm"]
+    assert list(reordered(both).as_consumed) == ["torque/arm", "force/arm"]
 
 
 # Checks --------------------------------------------------------------------------------------

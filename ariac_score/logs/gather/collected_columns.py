@@ -83,7 +83,7 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
         PlanError: Its messages can be decoded one by one only.
         UnknownTypeError: They cannot be decoded at all.
     """
-    if any(need.channel.decoder for need in needs):
+    if any(need.channel.whole for need in needs):
         return None
     fields = {path: what for need in needs for path, what in need.fields().items()}
     stamps = {path: what for need in needs for path, what in need.stamps().items()}

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.checks.contracts import Wanted
+from ariac_score.errors import LogError
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
@@ -29,6 +30,7 @@ from ariac_score.logs.gather.collected_columns import (
 )
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
+from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
@@ -443,7 +445,7 @@ class _Intake:
 
     def take(self, message: object, type_: str, stamp_ns: int) -> None:
         """Keep the wanted fields of a message, and for a decoder plugin the whole message."""
-        if self.channel.decoder:
+        if self.channel.whole:
             self._items.append((type_, message, stamp_ns))
         for column in self._columns:
             try:
@@ -523,17 +525,19 @@ class _Intake:
         """Decode the messages kept for the decoder plugin; returns how many were lost."""
         if not self._items:
             return 0
-        decoder = wanted.decoders.get(self.channel.decoder)
-        if decoder is None:
+        plugin = wanted.decoders.get(self.channel.decoder)
+        if plugin is None and self.channel.decoder:
             builder.unrecorded.append(
                 f"topic {self.channel.topic}: no decoder {self.channel.decoder!r} was given"
             )
             return len(self._items)
+        decoder = ChannelDecoder(self.channel, plugin)
         reasons: list[str] = []
         before: str | None = None
         for type_, message, stamp_ns in self._items:
             try:
                 item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
+                self._state_facts(builder, message)
             except (ValueError, AttributeError) as error:  # contents, or fields, the plugin cannot use
                 reasons.append(str(error))
                 continue
@@ -550,9 +554,22 @@ class _Intake:
                 "unusable_messages",
                 self.channel.topic,
                 len(reasons),
-                f"decoder {self.channel.decoder!r} cannot use messages; the first: {reasons[0]}",
+                f"{self._by} cannot use messages; the first: {reasons[0]}",
             )
         return len(reasons)
+
+    @property
+    def _by(self) -> str:
+        return f"decoder {self.channel.decoder!r}" if self.channel.decoder else "the log map"
+
+    def _state_facts(self, builder: TrialBuilder, message: object) -> None:
+        for name, value in facts_of(self.channel, message):
+            if (known := builder.facts.setdefault(name, value)) != value:
+                raise LogError(
+                    f"topic {self.channel.topic} says that {name} is {value!r}, after {known!r}",
+                    file=builder.file,
+                    hint="a fact of a trial is one; what changes is a signal or an event",
+                )
 
 
 class _Ticks(_Intake):

@@ -21,6 +21,7 @@ from ariac_score.report.exports.facts import (
     when,
 )
 from ariac_score.report.text import amount_text
+from ariac_score.report.words import capital, words_of
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line
 
@@ -36,10 +37,11 @@ def markdown_text(result: Result) -> str:
     """A result as Markdown, with a newline at its end."""
     measured = result.measured
     who = f"{escaped(measured.team)}, " if measured.team else ""
+    trial = escaped(capital(words_of(result).one("trial")))
     sections = [
         [f"## {escaped(headline(result))}"],
         [
-            f"Trial {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set.id)}: "
+            f"{trial} {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set.id)}: "
             f"{escaped(result.rule_set_title)}"
         ],
         list(_adjustments(result)),

@@ -19,7 +19,7 @@ from ariac_score.report.html.timeline import timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
-from ariac_score.report.words import capital, period, words_of
+from ariac_score.report.words import capital, words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import recoverable_losses
 from ariac_score.scoring.policy import POLICIES
@@ -77,7 +77,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         work=work_of(result),
         words=words,
         capital=capital,
-        period=period(words),
+        period=words.period,
         series_heading=_series_heading(charts),
         shown=_shown(result, words, charts, idle),
         panels=panels_of(result),

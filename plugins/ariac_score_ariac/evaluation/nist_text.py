@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ariac_score import Entry, Evaluation, OrderPlan, Stop, add_up
+from ariac_score import Entry, Evaluation, PlannedItem, Stop, add_up
 
 __all__ = ["NistTextEvaluation", "RunTexts", "evaluate", "results_csv"]
 
@@ -61,12 +61,12 @@ class NistTextEvaluation:
         jfernandez37/ARIAC_evaluation, automated_evaluation/scoring.
     """
 
-    def evaluate(self, logs: Path, orders: Mapping[str, Sequence[OrderPlan]]) -> Evaluation:
+    def evaluate(self, logs: Path, work: Mapping[str, Sequence[PlannedItem]]) -> Evaluation:
         """Evaluate every team folder, whether or not the competition lists the team."""
         teams = {team.name: [_texts(run) for run in _folders(team)] for team in _folders(logs)}
         # The program takes trials from the folders; of one without a configuration it knows no order.
         found = {run.trial for runs in teams.values() for run in runs}
-        return evaluate(teams, {trial: orders.get(trial, []) for trial in found})
+        return evaluate(teams, {trial: work.get(trial, []) for trial in found})
 
     def results_csv(self, evaluation: Evaluation) -> str:
         """The table `scores.csv` of the program."""
@@ -99,7 +99,7 @@ class _StoppedError(Exception):
 
 
 def evaluate(
-    teams: Mapping[str, Sequence[RunTexts]], orders: Mapping[str, Sequence[OrderPlan]]
+    teams: Mapping[str, Sequence[RunTexts]], orders: Mapping[str, Sequence[PlannedItem]]
 ) -> Evaluation:
     """Evaluate as the organisers' program does.
 
@@ -121,7 +121,7 @@ def evaluate(
 
 
 def _entry(
-    trial: str, team: str, runs: Sequence[RunTexts], orders: Sequence[OrderPlan], stops: list[Stop]
+    trial: str, team: str, runs: Sequence[RunTexts], orders: Sequence[PlannedItem], stops: list[Stop]
 ) -> Entry | None:
     """The best run of a team; a run at which the program ends is set aside."""
     ranked: list[tuple[tuple[int, float], RunTexts]] = []
@@ -145,7 +145,7 @@ def _entry(
 
 
 def _without_run(
-    trial: str, team: str, runs: Sequence[RunTexts], orders: Sequence[OrderPlan], stops: list[Stop]
+    trial: str, team: str, runs: Sequence[RunTexts], orders: Sequence[PlannedItem], stops: list[Stop]
 ) -> Entry | None:
     try:
         cost = _first_cost(runs)
@@ -198,7 +198,7 @@ def _after_colon(line: str) -> str:
 
 
 def _orders(
-    run: RunTexts, orders: Sequence[OrderPlan]
+    run: RunTexts, orders: Sequence[PlannedItem]
 ) -> tuple[dict[str, int | None], dict[str, float | None], tuple[str, ...]]:
     assert run.trial_log is not None  # runs without one are passed over
     summary = _summary(run.trial_log)
@@ -260,7 +260,7 @@ def _first_cost(runs: Sequence[RunTexts]) -> int | None:
 
 
 def _scored(
-    trial: str, found: Mapping[str, Entry], orders: Sequence[OrderPlan], stops: list[Stop]
+    trial: str, found: Mapping[str, Entry], orders: Sequence[PlannedItem], stops: list[Stop]
 ) -> dict[str, Entry]:
     stops += [
         Stop(trial, team, entry.run, "ZeroDivisionError", "the sensor cost is 0")
@@ -285,7 +285,7 @@ def _scored(
     return scored
 
 
-def _value(order: OrderPlan, entry: Entry, mean_s: float) -> float:
+def _value(order: PlannedItem, entry: Entry, mean_s: float) -> float:
     """What an order brings; one that was handed in at once brings nothing."""
     score, duration_s = entry.scores[order.id], entry.durations_s[order.id]
     if score is None or not duration_s:
@@ -317,7 +317,7 @@ def results_csv(evaluation: Evaluation) -> str:
     lines = ["Leaderboard:", "", *(f"{team},{score!r}" for team, score in evaluation.leaderboard)]
     lines += ["", "", "", "Score Breakdown:", ""]
     for trial, entries in evaluation.trials.items():
-        orders = evaluation.orders[trial]
+        orders = evaluation.work[trial]
         columns = [
             f"Order {i}({o.id}) {what}" for i, o in enumerate(orders) for what in ("Score", "Duration")
         ]

@@ -6,7 +6,7 @@ import pytest
 
 from ariac_score_ariac.evaluation.nist_text import (
     Evaluation,
-    OrderPlan,
+    PlannedItem,
     RunTexts,
     Stop,
     evaluate,
@@ -14,7 +14,7 @@ from ariac_score_ariac.evaluation.nist_text import (
 )
 
 ROW = "=" * 40
-ORDERS = {"kitting": [OrderPlan("AAAA0001", priority=False), OrderPlan("BBBB0002", priority=True)]}
+ORDERS = {"kitting": [PlannedItem("AAAA0001", priority=False), PlannedItem("BBBB0002", priority=True)]}
 
 
 def trial_log(*orders: tuple[str, int, float | None], completion_s: float = 100.0) -> str:
@@ -114,7 +114,7 @@ def test_an_order_handed_in_at_once_is_skipped_instead_of_divided_by() -> None:
 
 
 def test_a_team_without_runs_of_a_trial_scores_nothing_in_it() -> None:
-    orders = {**ORDERS, "assembly": [OrderPlan("CCCC0003", priority=False)]}
+    orders = {**ORDERS, "assembly": [PlannedItem("CCCC0003", priority=False)]}
     other = run("assembly_1", trial_log(("CCCC0003", 3, 10.0)))
     found = evaluate({"alpha": [run("kitting_1", log(50, 40))], "beta": [other]}, orders)
 
@@ -123,7 +123,7 @@ def test_a_team_without_runs_of_a_trial_scores_nothing_in_it() -> None:
 
 
 def test_a_trial_that_nobody_ran_is_no_trial() -> None:
-    orders = {**ORDERS, "assembly": [OrderPlan("CCCC0003", priority=False)]}
+    orders = {**ORDERS, "assembly": [PlannedItem("CCCC0003", priority=False)]}
 
     assert list(evaluate({"alpha": [run("kitting_1", log(50, 40))]}, orders).trials) == ["kitting"]
 
@@ -143,7 +143,7 @@ def test_the_run_number_is_what_follows_the_last_underscore() -> None:
 
 def test_an_id_inside_another_id_reads_the_wrong_order_and_says_so() -> None:
     # `first line that contains the id`: B00 is found in AB00 first.
-    orders = {"kitting": [OrderPlan("B00", priority=False), OrderPlan("AB00", priority=False)]}
+    orders = {"kitting": [PlannedItem("B00", priority=False), PlannedItem("AB00", priority=False)]}
     text = trial_log(("AB00", 7, 10.0), ("B00", 2, 20.0))
     entry = evaluate({"alpha": [run("kitting_1", text)]}, orders).trials["kitting"]["alpha"]
 
