@@ -300,7 +300,8 @@ def _leaf(
     }
     total = sum(changes.values(), start=0)
     # Shares are added up as decimals here and in float64 for the score.
-    if abs(total - value + start) * 10**9 <= 1 + abs(value):
+    off = total - (value - start)
+    if not off or abs(Fraction(off)) * 10**9 <= 1 + abs(Fraction(value)):
         value = start + total
     elif changes:
         changes = {key: Fraction(value - start) / len(changes) for key in changes}

@@ -400,6 +400,26 @@ def test_points_of_other_runs_are_earned() -> None:
     assert (case.earned, case.taken) == ({"x#0": 1, "runs": 3}, {})
 
 
+def test_a_bound_in_force_with_nothing_done_is_earned_in_effect_and_not_by_the_rule() -> None:
+    # None of the rule's -4 counts with nothing done, and 2 of the 6 points show.
+    ledger = Case("max(0, 6 * points(x) - 4)", times("x", 1, S)).ledger
+    leaves = [line for line in ledger.walk() if not line.children]
+
+    assert {(line.amount, line.nominal) for line in leaves} == {(2, 6), (0, -4)}
+    assert (ledger.amount, ledger.nominal) == (2, None)
+
+
+def test_a_factor_that_cancels_within_has_the_slope_of_what_stands_beside_it() -> None:
+    # (3 - a + b) stays 3, beside 100 that halves twice: 75 less over ln 4, times a third of 3.
+    case = Case(
+        "100 * (3 - count(a) + count(b)) * product(x, p=0.5)",
+        [*times("a", 1), *times("b", 1), *times("x", 2)],
+    )
+
+    assert float(case.taken["b#0"]) == pytest.approx(75 / math.log(4))
+    assert float(case.taken["a#0"]) == pytest.approx(-75 / math.log(4))
+
+
 def test_an_episode_told_in_two_pieces_leaves_what_others_pay() -> None:
     whole = [found("a", V, q=0.4), found("b", V, q=0.6)]
     pieces = [found("a", V, 0, q=0.2), found("a", V, 1, q=0.2), found("b", V, q=0.6)]
