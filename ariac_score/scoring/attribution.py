@@ -18,6 +18,7 @@ from decimal import Context, Decimal
 from fractions import Fraction
 from itertools import combinations
 from math import factorial, prod
+from operator import or_
 from typing import Any
 
 from ariac_score.scoring.expression import Number
@@ -92,12 +93,14 @@ class Node:
     ) -> None:
         self.label, self.children = label, children
         self.numbers, self.exact = tuple(numbers), tuple(exact)
-        self.moves = tuple(
-            any(child.moves[step] for child in children) for step in range(len(self.numbers) - 1)
-        )
-        self.steps = all(child.steps for child in children)
-        self.of_cohort = any(child.of_cohort for child in children)
-        self.of_trial = any(child.of_trial for child in children)
+        self.moves = (False,) * (len(self.numbers) - 1)
+        self.steps, self.of_cohort, self.of_trial = True, False, False
+        for child in children:  # once through them: of a thousand results there are many nodes
+            if True in child.moves:
+                self.moves = tuple(map(or_, self.moves, child.moves))
+            self.steps &= child.steps
+            self.of_cohort |= child.of_cohort
+            self.of_trial |= child.of_trial
 
     def change(self, step: int) -> Exact:
         """By how much it changes in a step."""
@@ -584,6 +587,8 @@ def truth(node: Node) -> Node:
 
 
 def _divided(value: Exact, by: Exact) -> Exact:
+    if by == 1 or not value:
+        return value
     found = Fraction(value) / by
     return found.numerator if found.denominator == 1 else found
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_HALF_EVEN, Decimal
-from fractions import Fraction
 from math import prod
 from typing import Annotated, Any, NamedTuple
 
@@ -268,8 +267,8 @@ class _Pieces:
     def _with_children(
         self, label: str, slug: str, children: list[_Piece], *, subject: str = "", value: Number = 0
     ) -> _Piece:
-        amount = sum((piece.amount for piece in children), start=Fraction(0))
-        nominal = sum((piece.nominal for piece in children), start=Fraction(0))
+        amount = sum((piece.amount for piece in children), start=0)
+        nominal = sum((piece.nominal for piece in children), start=0)
         return _Piece(label, amount, nominal, "sum", children, subject=subject, value=value, slug=slug)
 
     def _base(self, node: Node, given: _Rate, findings: tuple[str, ...] = ()) -> list[_Piece]:
@@ -454,7 +453,7 @@ class _Pieces:
         pieces = []
         for (check, reason), keys in groups.items():
             keys.sort(key=_natural)
-            hidden = sum((self.amounts.get(key, _NONE).nominal for key in keys), start=Fraction(0))
+            hidden = sum((self.amounts.get(key, _NONE).nominal for key in keys), start=0)
             pieces.append(
                 _Piece(check, 0, hidden, "neutral", findings=tuple(keys), reason=reason, slug=check)
             )
@@ -588,7 +587,7 @@ def _printed(piece: _Piece, path: str, amount: Decimal, digits: int) -> Line:
 
 def _rounded(value: Exact, digits: int) -> Decimal:
     """An exact number with so many digits, halves to even."""
-    return Decimal(round(Fraction(value) * 10**digits)).scaleb(-digits)
+    return Decimal(round(value * 10**digits)).scaleb(-digits)
 
 
 def reconcile(ledger: Ledger, score: Decimal, *, digits: int) -> None:

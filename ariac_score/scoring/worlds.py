@@ -298,9 +298,9 @@ def _leaf(
     changes = {
         key: by for key in dict.fromkeys([*shares, *first]) if (by := shares.get(key, 0) - first.get(key, 0))
     }
-    total = sum(changes.values(), start=Fraction(0))
+    total = sum(changes.values(), start=0)
     # Shares are added up as decimals here and in float64 for the score.
-    if abs(total - Fraction(value) + start) <= (1 + abs(Fraction(value))) / 10**9:
+    if abs(total - value + start) * 10**9 <= 1 + abs(value):
         value = start + total
     elif changes:
         changes = {key: Fraction(value - start) / len(changes) for key in changes}

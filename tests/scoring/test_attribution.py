@@ -271,7 +271,6 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
         -10,
         "hidden by min(80, 30 * points(place) + 15 * points(precise) - 10 * count(bump))",
     )
-    # In one block from nothing to 95 all would be scaled alike; 80/95 of 30 each (A3).
     earned = CASES["A3b"][0].earned
     assert [float(earned[f"place#{i}"]) for i in range(3)] == pytest.approx([30 * 80 / 105] * 3)
 
@@ -321,6 +320,84 @@ def test_a_price_beside_an_amount_is_one_that_the_rule_has(
     assert case.ledger.nominal is None  # both columns add up to the score
     assert prices == {None if price is None else Decimal(str(price))}
     assert bound is None or bounds == ([Decimal(str(bound))] if bound else [])
+
+
+def test_a_clip_lets_through_the_seconds_within_its_bounds() -> None:
+    # A10: from the best 10 s to 60 s, of which those up to 40 s count: 30 of 50.
+    case = Case("clip(measure(time, q), 10, 40)", measured(time=60.0), measures={"time": best(10.0)})
+
+    (leaf,) = flow(case.tree, TAKEN).leaves()
+    assert leaf[1] == Fraction(30, 50)
+    assert case.taken == {"time#0": 30}
+
+
+def test_in_one_block_a_cap_scales_all_alike() -> None:
+    # A3: all five at once, from 0 to 95 under a cap of 80.
+    summands = {"place#0": 30, "place#1": 30, "place#2": 30, "precise#0": 15, "bump#0": -10}
+    leaves = [Leaf(key, [0, by], [Changed(key, (by,))]) for key, by in summands.items()]
+    raw = Sum("raw", [(1, leaf) for leaf in leaves], [0, 95])
+    capped = Extreme("capped", [raw, Given("80", 80, 2)], [0, 80], 1)
+
+    amounts = {leaf.label: slope * leaf.change(0) for leaf, slope in flow(capped, 0).leaves()}
+    assert amounts == {key: Fraction(80 * by, 95) for key, by in summands.items()}
+
+
+@pytest.mark.parametrize(
+    ("formula", "expected"),
+    [
+        # Two that turn a condition share it, whichever is written first.
+        ("6 if holds(a) and holds(b) else 0", {"a#0": -3, "b#0": -3}),
+        ("6 if holds(b) and holds(a) else 0", {"a#0": -3, "b#0": -3}),
+        # Both sides move the difference, from 0 < 1 to 1 < 0: by 1 each.
+        ("0 if violated(a) > holds(b) else 6", {"a#0": -3, "b#0": -3}),
+        ("6 if holds(b) >= violated(a) else 0", {"a#0": -3, "b#0": -3}),
+        # A factor that comes back to where it was: its slope is that of the square, 2 * 3.
+        ("(3 - violated(a) + violated(b)) ** 2", {"a#0": -6, "b#0": 6}),
+    ],
+)
+def test_those_that_turn_a_thing_together_share_it_by_what_they_moved(
+    formula: str, expected: dict[str, float]
+) -> None:
+    case = Case(formula, [*times("a", 1), *times("b", 1)])
+
+    assert {key: float(by) for key, by in case.taken.items()} == expected
+
+
+def test_a_function_of_three_that_change_is_shared_over_all_six_orders() -> None:
+    # xyz from 1 to 2, 3, 4, without logarithms: x alone first 1, last 12, between 3 and 4 once each.
+    changes = {"x": 1, "y": 2, "z": 3}
+    leaves = [Leaf(n, [1, 1 + by], [Changed(n, (by,))]) for n, by in changes.items()]
+    root = Function("f", leaves, [1, 24], lambda x, y, z: x * y * z)
+
+    amounts = {leaf.label: slope * leaf.change(0) for leaf, slope in flow(root, 0).leaves()}
+    assert amounts["x"] == Fraction(2 * 1 + 3 + 4 + 2 * 12, 6)
+    assert sum(amounts.values()) == 23
+
+
+def test_a_cap_that_held_with_nothing_done_takes_back_by_the_rule() -> None:
+    # 100 are given and 3 lost, of which nothing shows: by the rule 97, and 17 above the cap.
+    lines = {line.label: line for line in Case("min(80, 100 - 3 * count(x))", times("x", 1)).ledger.walk()}
+
+    (cap,) = [line for line in lines.values() if line.kind == "cap"]
+    assert (lines["earned"].amount, lines["earned"].nominal, cap.nominal) == (80, 100, -17)
+
+
+def test_what_is_earned_above_a_cap_has_its_price_by_the_rule() -> None:
+    ledger = Case("min(8, 5 * points(x))", times("x", 2, S)).ledger
+    prices = {line.findings: (line.amount, line.nominal) for line in ledger.walk() if line.kind == "amount"}
+
+    assert prices == {("x#0",): (4, 5), ("x#1",): (4, 5)}
+
+
+def test_points_of_other_runs_are_earned() -> None:
+    case = Case(
+        "runs.done",
+        times("x", 1, S),
+        trial={"done": "points(x)"},
+        cohort=CohortValues("", {"runs.done": {"": 4.0}}),
+    )
+
+    assert (case.earned, case.taken) == ({"x#0": 1, "runs": 3}, {})
 
 
 def test_an_episode_told_in_two_pieces_leaves_what_others_pay() -> None:
