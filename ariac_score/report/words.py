@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
+from ariac_score.errors import ScoreError
 from ariac_score.results.result import Result
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.words import Words
@@ -11,7 +14,9 @@ __all__ = ["capital", "words_of"]
 
 def words_of(result: Result) -> Words:
     """The words that its competition gave; where it gave none, the names of the levels of its rules."""
-    levels = rule_set_from_text(result.rules, file="the rules in the result").sheet.levels
+    levels: tuple[str, ...] = ()
+    with suppress(ScoreError):  # words are no reason to refuse a result whose rules nobody can read any more
+        levels = rule_set_from_text(result.rules, file="the rules in the result").sheet.levels
     sketch = result.measured.sketch
     spoken = {named.level: (named.one, named.many) for named in sketch.levels} if sketch else {}
     return Words(spoken, levels)

@@ -68,7 +68,7 @@ class Recording:
         """With the signals of the seed profile."""
         registry, log_map = Registry(), load_log_map("map.yaml", beside=folder)
         bundle, readers = find_trial(SHARED / self.file, registry)
-        read = read_trial(bundle, readers, log_map, registry, quantities=["position"], orders=False)
+        read = read_trial(bundle, readers, log_map, registry, quantities=["position"], work=False)
         wanted = [Derivation(need.quantity, need.max_gap_s) for need in SsmSeparation().needs()]
         return derive_signals(read, wanted, speed_window_s=log_map.speed_window_s)
 
