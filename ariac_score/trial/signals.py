@@ -142,7 +142,7 @@ class Series:
         ValueError: Shapes do not fit, or a number is not finite.
 
     >>> force = Series("force/arm", "N", np.array([0.0, 0.1, 0.1]), np.array([3.0, 4.0, 5.0]))
-    >>> len(force), force.values[2]
+    >>> len(force), float(force.values[2])
     (3, 5.0)
     """
 

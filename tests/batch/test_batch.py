@@ -661,9 +661,9 @@ def _asked(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     asked: list[tuple[str, str]] = []
     whole = measure.ask
 
-    def ask(plugin: Any, name: str, check: Any, trial: Any) -> Any:
+    def ask(plugin: Any, name: str, check: Any, trial: Any, **others: Any) -> Any:
         asked.append((name, trial.id))
-        return whole(plugin, name, check, trial)
+        return whole(plugin, name, check, trial, **others)
 
     patch.setattr(measure, "ask", ask)
     return asked

@@ -303,7 +303,7 @@ def test_a_monitor_is_checked_on_a_log_without_orders_and_a_rule_is_not(
     assert main(["plugins", "check", "iso_10218_1.reduced_speed", "--trial", str(log)]) == 0
     assert "checks on alone.jsonl" in capsys.readouterr().out
     assert main(["plugins", "check", "kitting.pose", "--trial", str(log)]) == 5
-    assert "no order was found" in capsys.readouterr().err
+    assert "no item was found" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
