@@ -42,6 +42,7 @@ def canonical(value: float) -> float:
     >>> canonical(0.1 + 0.2)
     0.3
     """
+    value = float(value)  # fractions and the like have no format of floats before Python 3.12
     if not math.isfinite(value):
         raise ValueError(f"{value!r} cannot stand in a result")
     # + 0.0 turns a negative zero, which JSON would keep, into a positive one.

@@ -180,11 +180,24 @@ def _refuse_measures(plugin: Plugin, name: str, measures: Any, units: Collection
 
 def _stored(plugin: Plugin, name: str, finding: Finding, number: int, grounds: Grounds) -> Finding:
     """A finding that keeps the contract, with the units that its check declares, as it is stored."""
-    if breach := breach_of(finding, grounds):
-        raise broken(plugin, f"gives finding {number}, {shown(finding)}, which cannot be: {breach}", of=name)
+
+    def keeps(given: Finding) -> None:
+        if breach := breach_of(given, grounds):
+            raise broken(
+                plugin, f"gives finding {number}, {shown(given)}, which cannot be: {breach}", of=name
+            )
+
+    keeps(finding)
     declared = grounds.measures or {}
     units = {quantity: declared[quantity].unit for quantity in finding.quantities}
-    return settled(replace(finding, check=name, units=units))
+    try:
+        stored = settled(replace(finding, check=name, units=units))
+    except Exception as cause:  # noqa: BLE001  # numbers of a class of the plugin's own may raise anything
+        words = f"gives finding {number}, whose numbers cannot be stored: {type(cause).__name__}"
+        raise broken(plugin, words, of=name) from cause
+    # Once more: a number of a class of its own may turn into another one when it is stored.
+    keeps(stored)
+    return stored
 
 
 def _order_of_findings(finding: Finding) -> tuple[str, float, str]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from fractions import Fraction
 from itertools import count
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.finding_contract import Grounds, breach_of, watched_in
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
@@ -209,6 +212,54 @@ KEPT = {
 @pytest.mark.parametrize("name", KEPT)
 def test_a_finding_at_its_limits_is_kept(asked: Asked, name: str) -> None:
     assert len(asked(KEPT[name])) == 2
+
+
+class Turning(float):
+    """Two seconds at first, and -700 from then on."""
+
+    asked = 0
+
+    def __float__(self) -> float:
+        self.asked += 1
+        return 2.0 if self.asked == 1 else -700.0
+
+
+class Raising(float):
+    asked = 0
+
+    def __float__(self) -> float:
+        self.asked += 1
+        if self.asked > 1:
+            raise RuntimeError("not again")
+        return 2.0
+
+
+@pytest.mark.parametrize(
+    ("value", "cause"), [(Turning(2.0), "takes_s"), (Raising(2.0), "cannot be stored: RuntimeError")]
+)
+def test_a_number_that_turns_into_another_when_it_is_stored_is_refused(value: float, cause: str) -> None:
+    with pytest.raises(PluginError, match=cause):
+        ask_about(value)
+
+
+def test_a_fraction_is_stored_as_the_float_nearest_to_it() -> None:
+    (finding,) = ask_about(Fraction(1, 4))  # type: ignore[arg-type]  # what a plugin may do
+
+    assert finding.quantities["takes_s"] == 0.25
+
+
+def ask_about(value: float) -> list[Finding]:
+    class Check:
+        measures: ClassVar = {"takes_s": Measure("s")}
+
+        def needs(self) -> list[SignalNeed]:
+            return []
+
+        def watch(self, trial: Trial) -> list[Finding]:
+            return [Finding("trial", Verdict.VIOLATED, "slow", quantities={"takes_s": value})]
+
+    plugin = Plugin("odd.check", "ariac_score.monitors", "odd:Check", "odd-rules", "6.6")
+    return ask(plugin, "oddity", Check(), TRIAL)
 
 
 def test_the_units_of_the_declaration_are_stored_with_the_finding(asked: Asked) -> None:
