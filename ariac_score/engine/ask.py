@@ -192,7 +192,7 @@ def _stored(plugin: Plugin, name: str, finding: Finding, number: int, grounds: G
     units = {quantity: declared[quantity].unit for quantity in finding.quantities}
     try:
         stored = settled(replace(finding, check=name, units=units))
-    except Exception as cause:  # noqa: BLE001  # numbers of a class of the plugin's own may raise anything
+    except Exception as cause:  # numbers of a class of the plugin's own may raise anything
         words = f"gives finding {number}, whose numbers cannot be stored: {type(cause).__name__}"
         raise broken(plugin, words, of=name) from cause
     # Once more: a number of a class of its own may turn into another one when it is stored.

@@ -256,7 +256,7 @@ def ask_about(value: float) -> list[Finding]:
             return []
 
         def watch(self, trial: Trial) -> list[Finding]:
-            return [Finding("trial", Verdict.VIOLATED, "slow", quantities={"takes_s": value})]
+            return [Finding("trial", Verdict.VIOLATED, trial.id, quantities={"takes_s": value})]
 
     plugin = Plugin("odd.check", "ariac_score.monitors", "odd:Check", "odd-rules", "6.6")
     return ask(plugin, "oddity", Check(), TRIAL)
