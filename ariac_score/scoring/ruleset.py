@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import yaml
 
 from ariac_score.checks.local import GivenPlugin
@@ -266,7 +267,9 @@ class RuleSet:
                     file=self.file,
                     hint="give another object with 'with_monitor'",
                 )
-            set_number(data, name, value, file=self.file)
+            # `np.linspace` gives numbers of numpy, which YAML cannot write.
+            plain = value.item() if isinstance(value, np.generic) else value
+            set_number(data, name, plain, file=self.file)
         return self._again(data, self.given)
 
     def with_score(self, formula: str) -> RuleSet:

@@ -410,7 +410,7 @@ def test_a_result_that_a_newer_version_wrote_is_named_as_one_when_joining(
     assert main(["merge", str(tmp_path / "whole"), str(out)]) == 7
 
     said = capsys.readouterr().err
-    assert "a newer version wrote it, as ariac-score/result/3" in said
+    assert "a newer version wrote it, as ariac-score/result/4" in said
     assert "update ariac-score" in said
 
 

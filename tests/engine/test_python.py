@@ -434,3 +434,12 @@ def test_a_result_of_a_notebook_keeps_its_sums_but_nobody_can_measure_it_again(t
     with pytest.raises(LocalPluginError, match="was a class in somebody's Python"):
         verify_result(stored, log=LOG)
     assert not verify_result(stored, log=LOG, local_plugins=True).holds
+
+
+def test_a_sweep_may_take_its_numbers_from_numpy() -> None:
+    rules = RULES
+
+    for t_s in np.linspace(0.5, 1.5, 3):
+        assert rules.with_parameters({"separation.t1_s": t_s}).expanded == (
+            rules.with_parameters({"separation.t1_s": float(t_s)}).expanded
+        )

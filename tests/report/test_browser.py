@@ -156,7 +156,7 @@ def test_the_worst_moment_stays_on_its_line_while_zooming(open_page: Any, file: 
 def test_without_scripts_everything_but_zooming_is_there(open_page: Any, file: Path) -> None:
     page = open_page(file, java_script_enabled=False).page
 
-    assert page.locator(".plot svg path.actual").count() == 1
+    assert page.locator(".plot svg path.actual").count() == 2  # separation and contact
     assert page.locator(".tools").first.is_hidden()
     assert page.locator("#findings table").count() > 5
 
