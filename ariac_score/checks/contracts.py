@@ -504,8 +504,9 @@ class ReportPanel:
         data: Takes the result; gives numbers, texts, lists and maps of these, or `None` where it has nothing
             to say about that result.
         template: A block of jinja2 that shows the data by the name `data`; everything in it is escaped. The
-            filters `amount`, `brief`, `number`, `seconds` and `untrusted` are those of the page. It has no
-            script, no style sheet and no heading of the first two levels.
+            filters `amount`, `brief`, `number`, `seconds` and `untrusted` are those of the page. It is
+            written with text, lists, tables and drawings of SVG; scripts, styles, pictures, comments, links
+            away from the page and headings of the first two levels are refused.
     """
 
     title: str

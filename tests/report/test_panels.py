@@ -119,6 +119,20 @@ def test_a_text_that_declares_itself_safe_is_escaped_all_the_same(install: Insta
     assert "&lt;b&gt;x&lt;/b&gt;" in section(page(by("course-score")), "course")
 
 
+def test_a_number_that_brings_html_of_its_own_is_the_plain_number(install: Install) -> None:
+    body = "class I(int):\n    __html__ = lambda self: '<b>x</b>'\n"
+    panel(install, body + 'P = ReportPanel("C", lambda r: [I(3)], "<p>{{ data[0] }}</p>")')
+
+    assert "<p>3</p>" in section(page(by("course-score")), "course")
+
+
+def test_a_panel_may_draw_and_lead_to_a_place_on_the_page(install: Install) -> None:
+    drawn = '<svg viewBox="0 0 9 9"><path d="M0 0"/></svg><a href="#ledger">why</a>'
+    panel(install, f"P = ReportPanel('C', lambda r: 1, '{drawn}')")
+
+    assert drawn in section(page(by("course-score")), "course")
+
+
 @pytest.mark.parametrize(
     ("body", "cause"),
     [
@@ -136,6 +150,18 @@ def test_a_text_that_declares_itself_safe_is_escaped_all_the_same(install: Insta
         ('P = ReportPanel("C", lambda r: 1, "<script>1</script>")', "&lt;script&gt; may not stand"),
         ('P = ReportPanel("C", lambda r: 1, "<p onclick=x>1</p>")', "a panel has none of its own"),
         ('P = ReportPanel("C", lambda r: 1, "<iframe src=x></iframe>")', "&lt;iframe&gt; may not stand"),
+        ("P = ReportPanel('C', lambda r: 1, '{{ range.__globals__ }}')", "SecurityError"),
+        ("P = ReportPanel('C', lambda r: 'x', '{{ (data|e).__class__(\\'<b>\\') }}')", "SecurityError"),
+        ("P = ReportPanel('C', lambda r: 1, '{{ lipsum() }}')", "&#39;lipsum&#39; is undefined"),
+        ("P = ReportPanel('C', lambda r: 1, '{{ cycler }}')", "&#39;cycler&#39; is undefined"),
+        ("P = ReportPanel('C', lambda r: 1, '{% for i in range(10**6) %}x{% endfor %}')", "Range too big"),
+        ('P = ReportPanel("C", lambda r: 1, "<!--><img src=x>-->")', "no comments"),
+        ('P = ReportPanel("C", lambda r: 1, "<plaintext></plaintext>")', "&lt;plaintext&gt; may not stand"),
+        ('P = ReportPanel("C", lambda r: 1, "<noscript></noscript>")', "&lt;noscript&gt; may not stand"),
+        ('P = ReportPanel("C", lambda r: 1, "<img src=http://x/y.png>")', "&lt;img&gt; may not stand"),
+        ("P = ReportPanel('C', lambda r: 1, '<a href=javascript:alert(1)>x</a>')", "a place on the page"),
+        ("P = ReportPanel('C', lambda r: 1, '<div style=position:fixed>x</div>')", "&#39;style&#39; may not"),
+        ("P = ReportPanel('C', lambda r: 1, '<svg><path fill=url(http://x)></path></svg>')", "would load"),
         ('P = ReportPanel("C", lambda r: 1, "<div><p>1</p>")', "&lt;div&gt; is not closed"),
         ('P = ReportPanel("C", lambda r: 1, "</section>")', "closes nothing"),
         ('P = ReportPanel("C", lambda r: 1, "<p>1</p></div>")', "closes nothing"),

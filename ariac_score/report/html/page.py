@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2.sandbox import ImmutableSandboxedEnvironment, safe_range
 from markupsafe import Markup
 
 from ariac_score.report.html import wording
@@ -32,9 +33,11 @@ def page(template: str, **values: Any) -> str:
 
 @lru_cache(maxsize=1)
 def panel_environment() -> Environment:
-    """In which the blocks of panels are rendered: as pages are, without a way around escaping."""
-    environment = _made(None)
+    """In which the blocks of panels are rendered: as pages are, with no way around escaping or out."""
+    environment = _made(None, ImmutableSandboxedEnvironment)
     del environment.filters["safe"]
+    # Without `lipsum`, which is random, so that the same result gives the same bytes.
+    environment.globals = {"range": safe_range}
     return environment
 
 
@@ -45,8 +48,8 @@ def _environment() -> Environment:
     return environment
 
 
-def _made(loader: FileSystemLoader | None) -> Environment:
-    environment = Environment(
+def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment) -> Environment:
+    environment = kind(
         autoescape=True,
         undefined=StrictUndefined,  # a misspelt name would else be an empty place on a published page
         loader=loader,

@@ -29,14 +29,28 @@ GROUP = "ariac_score.report_panels"
 MOST_CHARACTERS = 500_000
 """A longer panel is refused: a page is sent by mail, and opened on telephones."""
 
-_VOID = frozenset(("br", "col", "hr", "img", "wbr"))
-_FORBIDDEN = frozenset(
+_VOID = frozenset(("br", "col", "hr", "wbr"))
+_TAGS = _VOID | frozenset(
     (
-        *("script", "style", "link", "meta", "base", "iframe", "object", "embed", "template", "portal"),
-        *("form", "input", "button", "html", "head", "body", "main", "title", "section", "h1", "h2"),
+        *("div", "span", "p", "bdi", "b", "i", "em", "strong", "small", "sub", "sup", "abbr", "code"),
+        *("pre", "ul", "ol", "li", "dl", "dt", "dd", "h3", "h4", "a", "details", "summary", "figure"),
+        *("figcaption", "table", "caption", "colgroup", "thead", "tbody", "tfoot", "tr", "th", "td"),
+        *("svg", "g", "path", "line", "polyline", "polygon", "rect", "circle", "ellipse", "text"),
+        *("tspan"),
     )
 )
-"""What would run, load, send or end the page, and the headings of the page itself."""
+"""What a panel is written with. Named one by one, for browsers read raw and unknown elements (`noscript`,
+`plaintext`) otherwise than any checker: what swallows, runs, loads or covers the page is not among them."""
+_ATTRIBUTES = frozenset(
+    (
+        *("class", "title", "lang", "dir", "colspan", "rowspan", "scope", "span", "open", "role"),
+        *("href", "viewbox", "width", "height", "preserveaspectratio", "d", "points", "transform"),
+        *("x", "y", "dx", "dy", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry", "text-anchor"),
+        *("dominant-baseline", "fill", "stroke", "stroke-width", "stroke-dasharray"),
+        *("stroke-linecap", "opacity", "font-size"),
+    )
+)
+"""Without `style`, which can lay a panel over the page, and whatever loads or runs."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +103,13 @@ def _rendered(template: str, data: Any) -> str:
     tree = environment.parse(template)
     if any(tree.find_all((nodes.EvalContextModifier, nodes.ScopedEvalContextModifier))):
         raise ValueError("a panel is escaped like all pages: take 'autoescape' out of its template")
-    block = environment.from_string(template).render(data=data)
-    if len(block) > MOST_CHARACTERS:
-        raise ValueError(f"it has {len(block)} characters, more than {MOST_CHARACTERS}")
+    pieces, characters = [], 0
+    for piece in environment.from_string(template).generate(data=data):  # a template may write without end
+        pieces.append(piece)
+        characters += len(piece)
+        if characters > MOST_CHARACTERS:
+            raise ValueError(f"it has more than {MOST_CHARACTERS} characters")
+    block = "".join(pieces)
     _Checked().check(block)
     return block
 
@@ -104,8 +122,14 @@ def _plain(data: Any) -> Any:
     """
     if isinstance(data, str):
         return str.__str__(data)  # of a string that declares itself safe, the text
-    if data is None or isinstance(data, bool | int | float | Decimal):
+    if data is None or isinstance(data, bool):
         return data
+    if isinstance(data, int):  # of a number of a class of its own, too, the plain one
+        return int.__int__(data)
+    if isinstance(data, float):
+        return float.__float__(data)
+    if isinstance(data, Decimal):
+        return Decimal(data)
     if isinstance(data, Mapping):
         return {_plain(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -130,13 +154,35 @@ class _Checked(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Refuse what the page cannot allow; remember what has to be closed."""
-        if tag in _FORBIDDEN:
+        if tag not in _TAGS:
             raise ValueError(f"<{tag}> may not stand in a panel")
-        handlers = [name for name, _ in attrs if name.startswith("on")]
-        if handlers:
-            raise ValueError(f"{handlers[0]!r} would be a script, and a panel has none of its own")
+        for name, value in attrs:
+            if name.startswith("on"):
+                raise ValueError(f"{name!r} would be a script, and a panel has none of its own")
+            if name not in _ATTRIBUTES and not name.startswith("aria-"):
+                raise ValueError(f"the attribute {name!r} may not stand in a panel")
+            if "url(" in (value or "").lower():
+                raise ValueError(f"{name!r} would load something, and a page loads nothing")
+            if name == "href" and not (value or "").startswith("#"):
+                raise ValueError("a link of a panel leads to a place on the page, such as '#ledger'")
         if tag not in _VOID:
             self.open.append(tag)
+
+    def handle_comment(self, data: str) -> None:
+        """Refuse comments, whose end browsers see elsewhere."""
+        raise ValueError(f"a panel has no comments of HTML: {data[:20]!r}")
+
+    def handle_decl(self, decl: str) -> None:
+        """Refuse declarations, as comments."""
+        self.handle_comment(decl)
+
+    def handle_pi(self, data: str) -> None:
+        """Refuse instructions, as comments."""
+        self.handle_comment(data)
+
+    def unknown_decl(self, data: str) -> None:
+        """Refuse declarations of other languages, as comments."""
+        self.handle_comment(data)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """In drawings a tag may end itself."""
