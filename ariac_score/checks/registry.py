@@ -18,7 +18,7 @@ from dataclasses import astuple, dataclass, field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from types import MappingProxyType, UnionType
+from types import MappingProxyType, SimpleNamespace, UnionType
 from typing import Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
 from ariac_score.checks.parameters import ParameterFacts, facts_of
@@ -224,12 +224,23 @@ def parameters_of(kind: Any) -> dict[str, Parameter]:
     """The parameters a rule set may give to a plugin class, by name."""
     if not dataclasses.is_dataclass(kind):
         return {}
-    hints = get_type_hints(kind)
+    hints = _hints_of_fields(kind)
     return {
         f.name: Parameter(hints[f.name], _default_of(f), facts_of(f))
         for f in dataclasses.fields(kind)
         if f.init
     }
+
+
+def _hints_of_fields(kind: Any) -> dict[str, Any]:
+    """The resolved types of its fields alone: Python 3.10 refuses a bare `ClassVar` beside them."""
+    names = {f.name for f in dataclasses.fields(kind)}
+    hints: dict[str, Any] = {}
+    for base in reversed(kind.__mro__):
+        declared = {name: of for name, of in vars(base).get("__annotations__", {}).items() if name in names}
+        known = vars(sys.modules[base.__module__]) if base.__module__ in sys.modules else {}
+        hints |= get_type_hints(SimpleNamespace(__annotations__=declared), {**vars(base), **known})
+    return hints
 
 
 def _default_of(declared: dataclasses.Field[Any]) -> Any:
