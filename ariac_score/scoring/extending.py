@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.origins import KEY as RESTS_ON
+from ariac_score.checks.origins import both_origins, note_origin
 from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
 from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
@@ -79,6 +81,7 @@ def expanded_document(path: Path, below: tuple[Path, ...], registry: Registry) -
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     _refuse_local_of_elsewhere(base, document)
+    note_origin(base.data, GROUP, base_name, registry)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
@@ -154,6 +157,8 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
     # `differs` and `breaks` are statements about the base alone; the new rules may not fit them.
     merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
+    if RESTS_ON in merged:
+        merged[RESTS_ON] = both_origins(base.get(RESTS_ON, {}), own.get(RESTS_ON, {}))
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     merged["cohort"] = {**base.get("cohort", {}), **own.get("cohort", {})}
     merged["parameters"] = merged_parameters(base.get("parameters", {}), own.get("parameters", {}))
