@@ -17,6 +17,8 @@ import numpy as np
 import yaml
 
 from ariac_score.checks.local import GivenPlugin
+from ariac_score.checks.origins import KEY as RESTS_ON
+from ariac_score.checks.origins import both_origins, note_origin
 from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
 from ariac_score.documents.given import path_of
 from ariac_score.documents.schema import schema, validate
@@ -503,6 +505,7 @@ def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDo
     except UsageError as error:
         raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
     _refuse_local_of_elsewhere(base, document)
+    note_origin(base.data, GROUP, base_name, registry)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
@@ -578,6 +581,8 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     """The base with what is new or changed; a check moved between rules and monitors moves."""
     # `differs` and `breaks` are statements about the base alone; the new rules may not fit them.
     merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
+    if RESTS_ON in merged:
+        merged[RESTS_ON] = both_origins(base.get(RESTS_ON, {}), own.get(RESTS_ON, {}))
     merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
     for key in ("parameters", "rules", "monitors", "cohort"):
         merged[key] = {**base.get(key, {}), **own.get(key, {})}
