@@ -6,7 +6,8 @@ other`: formulas like any other, so that pricing and ledger know nothing of eith
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise, product
@@ -15,10 +16,11 @@ from typing import Any
 from ariac_score.documents.yaml import Place, YamlDocument
 from ariac_score.errors import RuleSetError, did_you_mean
 
-__all__ = ["OTHERWISE", "Row", "Table", "in_formulas", "is_block", "merged_terms", "tables_of"]
+__all__ = ["OTHERWISE", "Row", "Table", "in_formulas", "is_block", "merged_terms", "place_in", "tables_of"]
 
 OTHERWISE = "otherwise"
 _WORTH = "worth"
+_QUOTED = re.compile("'([^']*)'")
 _MOST_CHECKS = 12
 """Checks in one table: every combination of their verdicts is tried."""
 
@@ -162,6 +164,16 @@ def in_formulas(document: YamlDocument) -> YamlDocument:
             elif name == next(iter(blocks)):
                 _add(terms[level], document, lines, (level, name), _chosen(document, level, blocks, kinds))
     return replace(document, data={**data, "terms": terms}, lines=lines)
+
+
+def place_in(data: Mapping[str, Any], path: Sequence[str], cause: str) -> list[str]:
+    """Where a formula stands as written: in which block, if one of them has what the cause quotes."""
+    quoted = _QUOTED.search(cause)
+    if len(path) == 3 and path[0] == "terms" and quoted:
+        for kind, block in data.get("terms", {}).get(path[1], {}).items():
+            if is_block(block) and quoted[1] in str(block.get(path[2], "")):
+                return ["terms", path[1], kind, path[2]]
+    return list(path)
 
 
 def _add(

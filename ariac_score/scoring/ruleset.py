@@ -41,7 +41,7 @@ from ariac_score.scoring.extending import (
     unknown_keys,
     written_document,
 )
-from ariac_score.scoring.forms import Table, in_formulas, tables_of
+from ariac_score.scoring.forms import Table, in_formulas, place_in, tables_of
 from ariac_score.scoring.levels import (
     TRIAL,
     check_levels,
@@ -539,7 +539,7 @@ def _parsed(written: YamlDocument) -> RuleSet:
         printed = _printed_text(data, sheet)
     except FormulaError as error:
         # Formulas are named by their path in the document, which becomes a line here.
-        path = error.place.removeprefix("$.").split(".")
+        path = place_in(written.data, error.place.removeprefix("$.").split("."), error.cause)
         error.file, error.place = document.files.get(path[0], document.file), document.place(path)
         raise
     return RuleSet(

@@ -403,8 +403,8 @@ CLOSED_BY_CODE = {
     "ruleset": ["$.$defs.for_auditors.properties.printed", "$.$defs.table.properties.table.items"],
     "trial_log": ["$.$defs.brought_record"],
 }
-"""Further keys are columns that a table names, roles that installed readers state, levels that the rule set declares, and what the schema
-of a competition's own record says; any other is refused when it is read."""
+"""Further keys are columns that a table names, roles that installed readers state, levels that the rule set
+declares, and what the schema of a competition's own record says; any other is refused when it is read."""
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

@@ -141,18 +141,10 @@ class World:
 
     def _constant(self, node: ast.expr) -> bool:
         """Whether it is the same number in every trial, as what a row of a table is worth."""
-        inside = {
-            id(inner)
-            for each in ast.walk(node)
-            if isinstance(each, ast.Attribute)
-            for inner in ast.walk(each.value)
-        }
-        named = (
-            each
-            for each in ast.walk(node)
-            if isinstance(each, ast.Name | ast.Attribute) and id(each) not in inside
-        )
-        return all(text_of(each) in self.rule_set.parameters for each in named)
+        if isinstance(node, ast.Name | ast.Attribute):
+            return text_of(node) in self.rule_set.parameters
+        inner = (each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr))
+        return all(self._constant(each) for each in inner)
 
     @cached_property
     def safety(self) -> tuple[str, ...]:
