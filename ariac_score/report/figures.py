@@ -5,14 +5,23 @@ from __future__ import annotations
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
-__all__ = ["count_in_words", "rounded_points", "said"]
+__all__ = ["amount_text", "count_in_words", "rounded_points", "said"]
 
 _WORDS = (
     *("no", "one", "two", "three", "four", "five", "six"),
     *("seven", "eight", "nine", "ten", "eleven", "twelve"),
 )
-    ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
-)
+
+
+def amount_text(amount: Decimal, *, sign: bool = False) -> str:
+    """An amount without trailing zeros.
+
+    >>> amount_text(Decimal("-3.500000")), amount_text(Decimal("28.000000"), sign=True)
+    ('-3.5', '+28')
+    """
+    text = f"{amount:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return f"+{text}" if sign and amount > 0 else text
 
 
 def count_in_words(count: int, one: str = "", many: str = "") -> str:

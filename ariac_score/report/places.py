@@ -32,6 +32,10 @@ class Places:
         """The words of the competition."""
         return words_of(self._result)
 
+    def knows(self, subject: str) -> bool:
+        """Whether a subject is an item of work, or inside one."""
+        return any(path in self._items for path in (subject, subject.rpartition("/")[0]))
+
     def own(self, path: str) -> str:
         """An item without what it is inside, such as `part 2`; any other subject as it is.
 

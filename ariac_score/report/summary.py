@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
@@ -11,9 +11,8 @@ from functools import cached_property
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import ScoreError
-from ariac_score.report.figures import count_in_words, rounded_points, said
+from ariac_score.report.figures import amount_text, count_in_words, rounded_points, said
 from ariac_score.report.places import Places
-from ariac_score.report.text import amount_text
 from ariac_score.report.words import capital
 from ariac_score.results.result import Result
 from ariac_score.results.sketch import DrawnChart
@@ -30,12 +29,20 @@ _MOST_MISTAKES = 4
 _LONGEST_MESSAGE = 160
 
 
-def summary_of(result: Result, rule_set: RuleSet | None = None) -> str:
-    """The sentences about a trial as one text: printable characters only, of bounded length."""
-    return " ".join(sentences_of(result, rule_set))
+def summary_of(result: Result, rule_set: RuleSet | None = None, *, with_score: bool = True) -> str:
+    """The sentences about a trial as one text: printable characters only, of bounded length.
+
+    Args:
+        result: The result.
+        rule_set: The rules in the result, where the caller has read them already.
+        with_score: Whether to say why there is no score, and what stewards made of it.
+    """
+    return " ".join(sentences_of(result, rule_set, with_score=with_score))
 
 
-def sentences_of(result: Result, rule_set: RuleSet | None = None) -> tuple[str, ...]:
+def sentences_of(
+    result: Result, rule_set: RuleSet | None = None, *, with_score: bool = True
+) -> tuple[str, ...]:
     """What was done and what was wrong with it, the worst of safety and its cost, why there is no score.
 
     Made of findings, ledger and the words of the competition, for any competition. What nobody
@@ -44,12 +51,16 @@ def sentences_of(result: Result, rule_set: RuleSet | None = None) -> tuple[str, 
     Args:
         result: The result.
         rule_set: The rules in the result, where the caller has read them already.
+        with_score: Whether to say why there is no score, and what stewards made of it.
     """
     try:
         rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
     except ScoreError:  # a page of a result whose rules this version cannot read has no sentence
         return ()
-    return tuple(_Teller(result, rules).sentences())
+    teller = _Teller(result, rules)
+    said_ = [teller.work(), teller.safety()]
+    said_ += [teller.open(), teller.decided()] if with_score else []
+    return tuple(f"{capital(one)}." for one in said_ if one)
 
 
 @dataclass(frozen=True)
@@ -57,14 +68,9 @@ class _Teller:
     result: Result
     rules: RuleSet
 
-    def sentences(self) -> Iterator[str]:
-        for said_ in (self._work(), self._safety(), self._open(), self._decided()):
-            if said_:
-                yield f"{capital(said_)}."
-
     # The work ----------------------------------------------------------------------------
 
-    def _work(self) -> str:
+    def work(self) -> str:
         """What was handed in or to be done, and the mistakes in it."""
         if not self.work_checks:
             return ""
@@ -152,7 +158,7 @@ class _Teller:
 
     # Safety ------------------------------------------------------------------------------
 
-    def _safety(self) -> str:
+    def safety(self) -> str:
         """The worst that happened, and what safety cost."""
         if not self.about_safety:
             return "these rules have no check of safety"
@@ -218,7 +224,7 @@ class _Teller:
 
     # What is open ------------------------------------------------------------------------
 
-    def _open(self) -> str:
+    def open(self) -> str:
         result, many = self.result, len(self.result.assumptions)
         if result.status == "needs_cohort":
             task = "" if result.task is None else f"; the task score is {amount_text(result.task.amount)}"
@@ -232,7 +238,7 @@ class _Teller:
             return f"there is no score, because {about} undecided ({first})"
         return f"{about} undecided and {'counts' if many == 1 else 'count'} as the rules say" if many else ""
 
-    def _decided(self) -> str:
+    def decided(self) -> str:
         adjusted = self.result.adjusted
         if adjusted is None:
             return ""

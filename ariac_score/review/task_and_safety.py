@@ -25,10 +25,14 @@ class TaskAndSafety:
     Attributes:
         task: What the score would be with every safety check kept and all else as it was.
         safety: What safety made of that: the score minus `task`, as a rule not positive.
+        has_task: Whether the score depends on any check of the work.
+        has_safety: Whether it depends on any check of safety.
     """
 
     task: Decimal
     safety: Decimal
+    has_task: bool = True
+    has_safety: bool = True
 
 
 def safety_checks(rule_set: RuleSet, measured: Measured) -> tuple[str, ...]:
@@ -68,8 +72,9 @@ def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndS
     rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
     measured = result.measured
     about = frozenset(safety_checks(rules, measured)) & rules.sheet.priced
+    has_task = bool(rules.sheet.priced - about)
     if not about:
-        return TaskAndSafety(result.score, Decimal(0))
+        return TaskAndSafety(result.score, Decimal(0), has_task, has_safety=False)
     kept = ideal({key: f for key, f in measured.findings.items() if f.check in about}, measured.measures)
     try:
         worth = value_of(
@@ -82,4 +87,4 @@ def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndS
         task = None if worth is None else rounded(worth, result.digits)
     except FormulaError:
         return None
-    return None if task is None else TaskAndSafety(task, result.score - task)
+    return None if task is None else TaskAndSafety(task, result.score - task, has_task)
