@@ -60,7 +60,8 @@ def sentences_of(
     teller = _Teller(result, rules)
     said_ = [teller.work(), teller.safety()]
     said_ += [teller.open(), teller.decided()] if with_score else []
-    return tuple(f"{capital(one)}." for one in said_ if one)
+    # An id such as `ceiling_robot` is no word, and keeps its letters.
+    return tuple(f"{capital(one) if one.split()[0].strip(',:').isalpha() else one}." for one in said_ if one)
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ class _Teller:
         broken = {key: one for key, one in found.items() if one.verdict is Verdict.VIOLATED}
         if not broken:
             if any(one.verdict is Verdict.INCONCLUSIVE for one in found.values()):
-                return ""  # what is open is said in a sentence of its own
+                return "whether it was safe is undecided"
             kept = any(one.verdict is Verdict.SATISFIED for one in found.values())
             return "no violation of safety" if kept else "nothing was there to judge for safety"
         taken = taken_by(self.result.ledger)
@@ -219,8 +220,12 @@ class _Teller:
     def _body(self, name: str) -> str:
         """`the robot` where an id is no name but what the body is."""
         sketch = self.result.measured.sketch
-        common = name in {"robot", "human", *(route.kind for route in (sketch.routes if sketch else ()))}
-        return f"the {name}" if common else self.places.of(name)
+        kinds = {route.body.partition("::")[0]: route.kind for route in (sketch.routes if sketch else ())}
+        if name in {"robot", "human", *kinds.values()}:
+            return f"the {name}"
+        return (
+            f"the {_cut(kinds[name], 40)} {self.places.of(name)}" if name in kinds else self.places.of(name)
+        )
 
     # What is open ------------------------------------------------------------------------
 

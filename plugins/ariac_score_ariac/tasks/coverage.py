@@ -26,8 +26,8 @@ class OnlyKitting:
     """
 
     mistake: ClassVar[tuple[str, str]] = (
-        "order of a kind that is not judged",
-        "orders of a kind that is not judged",
+        "order of another kind",
+        "orders of other kinds",
     )
 
     kinds: tuple[str, ...] = ("kitting",)
