@@ -188,16 +188,16 @@ def _name(line: Line) -> str:
 
 
 def _losses(result: Result, style: Style) -> Iterator[str]:
-    """Every violation the score depends on, safety first, then in order of subject."""
+    """Every violation the score depends on, and what else took points, those without a time last."""
+    costs, taken = _costs(result), taken_by(result.ledger)
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
         for key, finding in result.measured.findings.items()
-        if finding.verdict is Verdict.VIOLATED and finding.check in priced
+        if finding.check in priced and (finding.verdict is Verdict.VIOLATED or key in taken)
     ]
     if found:
         yield style("What cost points", "bold")
-        costs = _costs(result)
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
             cost = costs.get(key, "")

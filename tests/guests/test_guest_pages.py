@@ -49,6 +49,19 @@ def test_a_page_shows_the_amounts_derived_by_hand(
         assert amount in text
 
 
+def test_what_a_run_lost_by_its_time_alone_is_named_though_no_rule_was_broken(
+    guests: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = seen(page_of(guests / "barn/recording/world_42", "barn", tmp_path))
+
+    assert "Had this been right Findings Points more navigation check navigation#1 +0.187492" in text
+    capsys.readouterr()
+    assert main(["score", str(guests / "barn/recording/world_42"), "--rules", "barn"]) == 0
+    _, losses = capsys.readouterr().out.split("What cost points\n")
+    assert losses.startswith("  navigation#1 ")
+    assert losses.splitlines()[0].endswith("(-0.187492)")
+
+
 def test_a_page_calls_the_work_what_the_competition_calls_it(guests: Path, tmp_path: Path) -> None:
     page = page_of(guests / "carla/recording/results_2_0.json", "carla.2_0", tmp_path)
 

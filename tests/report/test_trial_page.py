@@ -552,3 +552,22 @@ def test_ticks_are_round_and_lie_within(low: float, length: float, most: int) ->
 @given(st.floats(-1e6, 1e6))
 def test_a_place_is_always_on_the_drawing(value: float) -> None:
     assert 0 <= Scale(0.5, 38.0).at(value) <= 100
+
+
+def test_distances_are_headed_by_the_kinds_of_the_bodies_they_are_between() -> None:
+    result = PAGES.example()
+    sketch = result.measured.sketch
+    curve = sketch.curves[0]
+    routes = tuple(
+        DrawnPath(body, kind, (0.0,), (0.0,), (0.0,)) for body, kind in (("quad", "drone"), ("ann", "walker"))
+    )
+
+    def heading(*subjects: str) -> str:
+        curves = tuple(replace(curve, subject=subject) for subject in subjects)
+        drawn = replace(sketch, curves=curves, routes=routes)
+        page = trial_page(replace(result, measured=replace(result.measured, sketch=drawn)), "")
+        return re.findall(r'<h2 id="separation-h"><bdi>(.*?)</bdi>', page)[0]
+
+    assert heading("quad/ann") == "Separation of drone and walker"
+    assert heading("quad/bob") == "Separation of drone and bob"  # the plan does not show him
+    assert heading("quad/ann", "quad/quad") == "Separation"
