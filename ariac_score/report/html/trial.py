@@ -16,7 +16,9 @@ from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
 from ariac_score.report.html.parts import parts_of
 from ariac_score.report.html.plan import plan_of
-from ariac_score.report.html.timeline import timeline_of
+from ariac_score.report.html.replay import replay_of
+from ariac_score.report.html.scale import Scale
+from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
@@ -56,13 +58,14 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     ledger = result.ledger or result.task
     falls = waterfall_of(ledger, findings) if ledger else None
     sketch = measured.sketch
-    charts, omitted = _charts(result)
+    axis = axis_of(result)
+    charts, omitted = _charts(result, axis)
     losses = recoverable_losses(result, rule_set)
     words, idle = words_of(result), _idle(result, monitors)
     split = task_and_safety(result, rule_set)
     return page(
         "trial.html.j2",
-        script=shipped("zoom.js"),
+        script=shipped("times.js") + shipped("replay.js"),
         home=home,
         summary=summary_of(result, rule_set),
         parts=parts_of(result, split) if split else None,
@@ -79,7 +82,9 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         policies=POLICIES,
         losses=losses[:MOST_LOSSES],
         loss_decimals=min(result.digits, 2),
-        timeline=timeline_of(result, monitors),
+        timeline=timeline_of(result, monitors, axis),
+        axis=axis,
+        replay=replay_of(result, axis),
         charts=charts,
         omitted=omitted,
         plan=plan_of(sketch, findings) if sketch else None,
@@ -193,7 +198,7 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     return list(zip(decided, moved or [None] * len(decided), strict=True))
 
 
-def _charts(result: Result) -> tuple[list[Chart], int]:
+def _charts(result: Result, axis: Scale | None) -> tuple[list[Chart], int]:
     """The charts, those with the worst margins first, and how many were left out."""
     sketch = result.measured.sketch
     if sketch is None:
@@ -206,7 +211,7 @@ def _charts(result: Result) -> tuple[list[Chart], int]:
     curves = sorted(
         sketch.curves, key=lambda c: (margins.get((c.check, c.subject), float("inf")), c.subject, c.check)
     )
-    drawn = [chart_of(curve, result.measured.findings) for curve in curves[:MOST_CHARTS]]
+    drawn = [chart_of(curve, result.measured.findings, axis) for curve in curves[:MOST_CHARTS]]
     return [chart for chart in drawn if chart is not None], max(len(curves) - MOST_CHARTS, 0)
 
 
