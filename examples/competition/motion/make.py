@@ -10,8 +10,10 @@ from __future__ import annotations
 import argparse
 import math
 import random
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -96,9 +98,9 @@ def made_run(team: str, trial: str, number: int) -> Trial:
 def _along(places: tuple[Place, ...], pace_m_s: float, t_s: float) -> Place:
     """Where somebody is who walks from place to place and back, again and again."""
     loop = [*places, *reversed(places[1:-1]), places[0]]
-    lengths = [math.dist(a, b) for a, b in zip(loop, loop[1:], strict=False)]
+    lengths = [math.dist(a, b) for a, b in pairwise(loop)]
     way = (pace_m_s * t_s) % sum(lengths)
-    for a, b, length in zip(loop, loop[1:], lengths, strict=False):
+    for (a, b), length in zip(pairwise(loop), lengths, strict=True):
         if way <= length:
             return _towards(a, b, way / length)
         way -= length
@@ -193,4 +195,4 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path(__file__).parent)
     files = make(parser.parse_args().folder)
-    print(f"{len(files)} recordings, {sum(file.stat().st_size for file in files) / 1e6:.1f} MB")
+    sys.stdout.write(f"{len(files)} recordings, {sum(file.stat().st_size for file in files) / 1e6:.1f} MB\n")

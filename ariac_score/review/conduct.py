@@ -1,0 +1,264 @@
+"""Who was good and who was safe: what runs brought by task, what safety cost them, how near they came.
+
+Of a run all follows from its result; of a team from its runs, weighted as the ranking weights them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.publication import Publication
+from ariac_score.ranking.rank import Cell, RunOutcome, TeamRank
+from ariac_score.ranking.violations import Clause, clause_of
+from ariac_score.results.result import Result
+from ariac_score.results.task_and_safety import TaskAndSafety, monitors_of, task_and_safety
+from ariac_score.review.lost_points import gains_by_check
+from ariac_score.scoring.ledger import taken_by
+from ariac_score.scoring.ruleset import rule_set_from_text
+
+__all__ = ["Approach", "Breach", "RunConduct", "TeamConduct", "conduct_of_run", "conduct_of_teams"]
+
+MOST_BREACHES = 40
+"""Violations of one run that are listed; the rest are counted."""
+
+_NINE = Decimal("1e-9")
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Where a run came nearest to breaking, or most broke, a least distance.
+
+    Attributes:
+        margin_m: What was left of the distance, m; negative where it was broken.
+        subject: Who came near whom.
+        check: The monitor that demands the distance.
+        distance_m: The distance then, m; `None` where the result keeps no curves.
+        t_s: When, s; `None` likewise.
+    """
+
+    margin_m: float
+    subject: str
+    check: str
+    distance_m: float | None = None
+    t_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Breach:
+    """One violation.
+
+    Attributes:
+        finding: Its id.
+        clause: The standard and the place in it.
+        watched: Whether a monitor found it, and so a matter of safety.
+        subject: Whom or what it is about.
+        message: What happened.
+        start_s: When it began, s; `None` where it has no time.
+        cost: What the ledger says that it took, in points; `None` where that is nothing.
+    """
+
+    finding: str
+    clause: Clause
+    watched: bool
+    subject: str
+    message: str
+    start_s: float | None
+    cost: Decimal | None
+
+
+@dataclass(frozen=True)
+class RunConduct:
+    """One run.
+
+    Attributes:
+        parts: Its score by task and safety; `None` where it cannot be split.
+        approach: Its worst approach; `None` where no monitor demands a distance, or none was seen.
+        violated: How many violations of monitors there are, by clause.
+        breaches: The violations, at most `MOST_BREACHES`, those of monitors first, dear ones first.
+        left_out: How many violations are not listed.
+        gains: By how much the score would have been higher had one check found nothing wrong.
+    """
+
+    parts: TaskAndSafety | None
+    approach: Approach | None
+    violated: Mapping[Clause, int]
+    breaches: tuple[Breach, ...]
+    left_out: int
+    gains: Mapping[str, Decimal]
+
+
+@dataclass(frozen=True)
+class TeamConduct:
+    """One team over the runs that count.
+
+    Attributes:
+        task: What its execution would be had no monitor found a violation; `None` where a run that counts
+            cannot be split, or the rules do not add the trials up.
+        safety: What violations of monitors moved.
+        decided: What stewards moved.
+        trials: The same for each trial.
+        approach: Its worst approach, and in which run.
+        violated: How many violations of monitors all of its runs have, by standard.
+        gains: What would have helped most in the runs that count, by check, the largest first.
+    """
+
+    task: Decimal | None
+    safety: Decimal | None
+    decided: Decimal | None
+    trials: Mapping[str, TaskAndSafety | None]
+    approach: tuple[RunKey, Approach] | None
+    violated: Mapping[str, int]
+    gains: Mapping[str, Decimal]
+
+
+# A run ---------------------------------------------------------------------------------
+
+
+def conduct_of_run(result: Result) -> RunConduct:
+    """What a result says of task, safety and approaches; after decisions of stewards, where there are any."""
+    rules = rule_set_from_text(result.rules, file="the rules in the result")
+    monitors = monitors_of(rules)
+    taken = taken_by(result.ledger)
+    breaches = [
+        Breach(
+            key,
+            clause_of(finding, str(result.checks[finding.check]["use"])),
+            finding.check in monitors,
+            finding.subject,
+            finding.message,
+            finding.span.start_s if finding.span else None,
+            taken[key].amount if key in taken else None,
+        )
+        for key, finding in result.measured.findings.items()
+        if finding.verdict is Verdict.VIOLATED
+    ]
+    breaches.sort(key=lambda breach: (not breach.watched, breach.cost or Decimal(0)))
+    violated: dict[Clause, int] = {}
+    for breach in breaches:
+        if breach.watched:
+            violated[breach.clause] = violated.get(breach.clause, 0) + 1
+    return RunConduct(
+        task_and_safety(result),
+        _approach(result, monitors),
+        violated,
+        tuple(breaches[:MOST_BREACHES]),
+        max(0, len(breaches) - MOST_BREACHES),
+        gains_by_check(result, rules),
+    )
+
+
+def _approach(result: Result, monitors: frozenset[str]) -> Approach | None:
+    """The least margin to a least distance: from the curves, or without any from the findings."""
+    found = [
+        Approach(actual - limit, curve.subject, curve.check, actual, t_s)
+        for curve in (result.measured.sketch.curves if result.measured.sketch else ())
+        if curve.check in monitors and curve.unit == "m" and not curve.at_most
+        for t_s, actual, limit in zip(curve.t_s, curve.actual, curve.limit, strict=True)
+        if limit is not None
+    ]
+    found = found or [
+        Approach(finding.robustness, finding.subject, finding.check)
+        for finding in result.measured.findings.values()
+        if finding.check in monitors and finding.robustness is not None and _is_of_distance(finding)
+    ]
+    return min(found, key=lambda one: one.margin_m, default=None)
+
+
+def _is_of_distance(finding: Finding) -> bool:
+    return finding.unit == "m" and finding.verdict in (Verdict.SATISFIED, Verdict.VIOLATED)
+
+
+# A team --------------------------------------------------------------------------------
+
+
+def conduct_of_teams(publication: Publication, runs: Mapping[RunKey, RunConduct]) -> dict[str, TeamConduct]:
+    """What each team's runs come to.
+
+    Args:
+        publication: The ranking.
+        runs: What is known of each run that has a result.
+    """
+    own: dict[str, list[RunOutcome]] = {standing.team: [] for standing in publication.final.standings}
+    for run in publication.final.runs:
+        own[run.team].append(run)
+    return {
+        standing.team: _of_team(publication, standing, own[standing.team], runs)
+        for standing in publication.final.standings
+    }
+
+
+def _of_team(
+    publication: Publication,
+    standing: TeamRank,
+    own: Sequence[RunOutcome],
+    runs: Mapping[RunKey, RunConduct],
+) -> TeamConduct:
+    known = {run.key: runs[run.key] for run in own if run.key in runs}
+    worst = [(key, one.approach) for key, one in known.items() if one.approach]
+    violated: dict[str, int] = {}
+    for one in known.values():
+        for (standard, _), count in one.violated.items():
+            violated[standard] = violated.get(standard, 0) + count
+    trials: dict[str, TaskAndSafety | None] = {}
+    gains: dict[str, Decimal] = {}
+    for trial, cell in standing.trials.items():
+        kept = [run for run in own if run.trial == trial and run.number in cell.runs]
+        share = _share(publication, kept)
+        trials[trial] = _cell_parts(cell, kept, known, share)
+        for run in kept:
+            for check, gain in known[run.key].gains.items() if run.key in known else ():
+                gains[check] = gains.get(check, Decimal(0)) + (gain * share).quantize(_NINE)
+    task, safety, decided = _summed(publication, list(trials.values()))
+    return TeamConduct(
+        task,
+        safety,
+        decided,
+        trials,
+        min(worst, key=lambda one: one[1].margin_m, default=None),
+        violated,
+        dict(sorted(gains.items(), key=lambda one: -one[1])),
+    )
+
+
+def _share(publication: Publication, kept: Sequence[RunOutcome]) -> Decimal:
+    """The weight of a run that counts in the score of its trial."""
+    fills = publication.how.missing_run == "zero"
+    return Decimal(1) / (publication.how.keep if fills else max(1, len(kept)))
+
+
+def _cell_parts(
+    cell: Cell, kept: Sequence[RunOutcome], runs: Mapping[RunKey, RunConduct], share: Decimal
+) -> TaskAndSafety | None:
+    safety = decided = Decimal(0)
+    watched = False
+    for run in kept:
+        parts = runs[run.key].parts if run.key in runs else None
+        if run.outcome not in ("scored", "aborted"):  # it counts 0, or the worst of the trial
+            continue
+        if parts is None or parts.score != run.score:
+            return None
+        safety, decided = safety + parts.safety, decided + parts.decided
+        watched |= parts.watched
+    safety, decided = ((part * share).quantize(_NINE, rounding=ROUND_HALF_EVEN) for part in (safety, decided))
+    return TaskAndSafety(cell.score - safety - decided, safety, decided, watched)
+
+
+def _summed(
+    publication: Publication, trials: Sequence[TaskAndSafety | None]
+) -> tuple[Decimal | None, Decimal | None, Decimal | None]:
+    """The parts of the execution: of a sum or mean over the trials, for other ways have none."""
+    count = {"sum": 1, "mean": len(trials)}.get(publication.how.total)
+    known = [parts for parts in trials if parts is not None]
+    if not count or len(known) < len(trials):
+        return None, None, None
+    sums = (
+        sum((parts.task for parts in known), Decimal(0)),
+        sum((parts.safety for parts in known), Decimal(0)),
+        sum((parts.decided for parts in known), Decimal(0)),
+    )
+    task, safety, decided = (part if count == 1 else (part / count).quantize(_NINE) for part in sums)
+    return task, safety, decided
