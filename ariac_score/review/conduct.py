@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal
+from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.ranking.competition import RunKey
@@ -20,7 +20,17 @@ from ariac_score.review.lost_points import gains_by_check
 from ariac_score.scoring.ledger import taken_by
 from ariac_score.scoring.ruleset import rule_set_from_text
 
-__all__ = ["Approach", "Breach", "RunConduct", "TeamConduct", "conduct_of_run", "conduct_of_teams"]
+__all__ = [
+    "Approach",
+    "Breach",
+    "Parts",
+    "RunConduct",
+    "TeamConduct",
+    "Weighing",
+    "conduct_of_run",
+    "conduct_of_teams",
+    "parts_of_team",
+]
 
 MOST_BREACHES = 40
 """Violations of one run that are listed; the rest are counted."""
@@ -203,20 +213,21 @@ def _of_team(
     for one in known.values():
         for (standard, _), count in one.violated.items():
             violated[standard] = violated.get(standard, 0) + count
-    trials: dict[str, TaskAndSafety | None] = {}
+    how = publication.how
+    weighing = Weighing(how.keep, how.missing_run == "zero", how.total)
+    parts = {key: one.parts for key, one in known.items()}
+    trials, whole = parts_of_team(standing, own, parts, weighing)
     gains: dict[str, Decimal] = {}
     for trial, cell in standing.trials.items():
-        kept = [run for run in own if run.trial == trial and run.number in cell.runs]
-        share = _share(publication, kept)
-        trials[trial] = _cell_parts(cell, kept, known, share)
+        kept = _kept(own, trial, cell)
         for run in kept:
             for check, gain in known[run.key].gains.items() if run.key in known else ():
-                gains[check] = gains.get(check, Decimal(0)) + (gain * share).quantize(_NINE)
-    task, safety, decided = _summed(publication, list(trials.values()))
+                share = (gain * weighing.share(len(kept))).quantize(_NINE)
+                gains[check] = gains.get(check, Decimal(0)) + share
     return TeamConduct(
-        task,
-        safety,
-        decided,
+        whole.task,
+        whole.safety,
+        whole.decided,
         trials,
         min(worst, key=lambda one: one[1].margin_m, default=None),
         violated,
@@ -224,41 +235,90 @@ def _of_team(
     )
 
 
-def _share(publication: Publication, kept: Sequence[RunOutcome]) -> Decimal:
-    """The weight of a run that counts in the score of its trial."""
-    fills = publication.how.missing_run == "zero"
-    return Decimal(1) / (publication.how.keep if fills else max(1, len(kept)))
+@dataclass(frozen=True)
+class Weighing:
+    """How the runs of a team weigh in its score.
+
+    Attributes:
+        keep: How many runs of a trial count.
+        fill: Whether a run that was not made counts as well.
+        total: How the scores of the trials become one.
+    """
+
+    keep: int
+    fill: bool
+    total: str
+
+    def share(self, kept: int) -> Decimal:
+        """The weight of a run that counts in the score of its trial."""
+        return Decimal(1) / (self.keep if self.fill else max(1, kept))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a team's execution; all `None` where it cannot be split."""
+
+    task: Decimal | None = None
+    safety: Decimal | None = None
+    decided: Decimal | None = None
+
+
+def parts_of_team(
+    standing: TeamRank,
+    own: Sequence[RunOutcome],
+    parts: Mapping[RunKey, TaskAndSafety | None],
+    weighing: Weighing,
+) -> tuple[dict[str, TaskAndSafety | None], Parts]:
+    """The scores of a team by task and safety, in each trial and in all.
+
+    Args:
+        standing: The team.
+        own: Its runs.
+        parts: The score of each run that has a result, split.
+        weighing: How runs weigh.
+    """
+    trials = {
+        trial: _cell_parts(cell, _kept(own, trial, cell), parts, weighing)
+        for trial, cell in standing.trials.items()
+    }
+    return trials, _summed(list(trials.values()), weighing.total)
+
+
+def _kept(own: Sequence[RunOutcome], trial: str, cell: Cell) -> list[RunOutcome]:
+    return [run for run in own if run.trial == trial and run.number in cell.runs]
 
 
 def _cell_parts(
-    cell: Cell, kept: Sequence[RunOutcome], runs: Mapping[RunKey, RunConduct], share: Decimal
+    cell: Cell,
+    kept: Sequence[RunOutcome],
+    parts: Mapping[RunKey, TaskAndSafety | None],
+    weighing: Weighing,
 ) -> TaskAndSafety | None:
     safety = decided = Decimal(0)
     watched = False
     for run in kept:
-        parts = runs[run.key].parts if run.key in runs else None
         if run.outcome not in ("scored", "aborted"):  # it counts 0, or the worst of the trial
             continue
-        if parts is None or parts.score != run.score:
+        own = parts.get(run.key)
+        if own is None or own.score != run.score:
             return None
-        safety, decided = safety + parts.safety, decided + parts.decided
-        watched |= parts.watched
-    safety, decided = ((part * share).quantize(_NINE, rounding=ROUND_HALF_EVEN) for part in (safety, decided))
+        safety, decided = safety + own.safety, decided + own.decided
+        watched |= own.watched
+    share = weighing.share(len(kept))
+    # Rounded as the score of the trial is; what that moves goes with the task.
+    safety, decided = ((part * share).quantize(_NINE) for part in (safety, decided))
     return TaskAndSafety(cell.score - safety - decided, safety, decided, watched)
 
 
-def _summed(
-    publication: Publication, trials: Sequence[TaskAndSafety | None]
-) -> tuple[Decimal | None, Decimal | None, Decimal | None]:
-    """The parts of the execution: of a sum or mean over the trials, for other ways have none."""
-    count = {"sum": 1, "mean": len(trials)}.get(publication.how.total)
+def _summed(trials: Sequence[TaskAndSafety | None], total: str) -> Parts:
+    """The parts of a sum or mean over the trials; other ways have none."""
+    count = {"sum": 1, "mean": len(trials)}.get(total)
     known = [parts for parts in trials if parts is not None]
     if not count or len(known) < len(trials):
-        return None, None, None
+        return Parts()
     sums = (
         sum((parts.task for parts in known), Decimal(0)),
         sum((parts.safety for parts in known), Decimal(0)),
         sum((parts.decided for parts in known), Decimal(0)),
     )
-    task, safety, decided = (part if count == 1 else (part / count).quantize(_NINE) for part in sums)
-    return task, safety, decided
+    return Parts(*(part if count == 1 else (part / count).quantize(_NINE) for part in sums))
