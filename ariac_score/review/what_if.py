@@ -180,10 +180,12 @@ def _levers(
     for name, values in grid.items():
         knob = knobs.get(name) or _given_nowhere(rule_set, name, knobs)
         steps = tuple(sorted({float(value) for value in values} | {knob.base}))
-        lever = Lever(name, steps, steps.index(knob.base))
+        stated = rule_set.parameters.get(name)
+        unit, meaning = ("" if stated.unit == "1" else stated.unit, stated.meaning) if stated else ("", "")
+        lever = Lever(name, steps, steps.index(knob.base), unit, meaning)
         if not knob.used:
             skipped[name] = UNUSED
-        elif stored and _moves_checks(rule_set, lever):
+        elif stored and knob.measured:
             skipped[name] = NEEDS_LOG
         else:
             levers.append(lever)
@@ -207,20 +209,10 @@ def _given_nowhere(rule_set: RuleSet, name: str, knobs: Mapping[str, Knob]) -> K
     )
 
 
-def _moves_checks(rule_set: RuleSet, lever: Lever) -> bool:
-    """Whether a check measures with this number."""
-    other = next((value for k, value in enumerate(lever.steps) if k != lever.base), None)
-    if other is None:
-        return False
-    return bool(_changed(rule_set, rule_set.with_parameters({lever.name: other})))
-
-
 def _rules_at(rule_set: RuleSet, levers: Sequence[Lever], point: tuple[int, ...]) -> RuleSet | None:
     """The rules at a point; `None` where they cannot be."""
     values = {
-        lever.name: lever.steps[step]
-        for lever, step in zip(levers, point, strict=True)
-        if step != lever.base
+        lever.name: lever.steps[step] for lever, step in zip(levers, point, strict=True) if step != lever.base
     }
     try:
         return rule_set.with_parameters(values) if values else rule_set
@@ -231,7 +223,9 @@ def _rules_at(rule_set: RuleSet, levers: Sequence[Lever], point: tuple[int, ...]
 def _changed(before: RuleSet, after: RuleSet) -> list[str]:
     """The checks that measure with other numbers."""
     return [
-        name for name, check in after.checks.items() if dict(check.parameters) != dict(before.checks[name].parameters)
+        name
+        for name, check in after.checks.items()
+        if dict(check.parameters) != dict(before.checks[name].parameters)
     ]
 
 
@@ -251,9 +245,7 @@ def _measured(
     registry: Registry,
 ) -> dict[tuple[RunKey, _Variant], Findings | None]:
     """What checks with other numbers find in each run that has a log; `None` where they refuse the number."""
-    variants = {
-        _variant(at, check): at for at in rules if at is not None for check in _changed(rule_set, at)
-    }
+    variants = {_variant(at, check): at for at in rules if at is not None for check in _changed(rule_set, at)}
     found: dict[tuple[RunKey, _Variant], Findings | None] = {}
     if not variants:
         return found

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
@@ -262,9 +262,7 @@ def _decisions(
     return tuple(Decision(decision, decided.get(decision.id)) for decision in stewarded.adjustments)
 
 
-def _row(
-    standing: TeamRank, publication: Publication, conduct: TeamConduct | None, drawn: _Drawn
-) -> TeamRow:
+def _row(standing: TeamRank, publication: Publication, conduct: TeamConduct | None, drawn: _Drawn) -> TeamRow:
     ranking, statistics = publication.final, publication.final_statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     odds = {each.team: each for each in statistics.teams} if statistics else {}
@@ -293,9 +291,7 @@ def _bar(standing: TeamRank, conduct: TeamConduct | None, scale: Scale) -> Bar |
     return Bar.of(conduct.task, standing.execution, scale)
 
 
-def _whisker(
-    standing: TeamRank, odds: TeamOdds | None, scale: Scale
-) -> tuple[float, float, float] | None:
+def _whisker(standing: TeamRank, odds: TeamOdds | None, scale: Scale) -> tuple[float, float, float] | None:
     if odds is None:
         return None
     low, high = odds.execution
