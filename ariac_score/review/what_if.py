@@ -21,7 +21,7 @@ from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreErr
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import Spec, ranking_spec
-from ariac_score.results.result import Result
+from ariac_score.results.result import CheckUse, Result
 from ariac_score.results.task_and_safety import TaskAndSafety, task_points
 from ariac_score.review.conduct import Weighing, parts_of_team
 from ariac_score.review.sensitivity import NEEDS_LOG, UNUSED, Knob, knobs_of, logs_of
@@ -252,7 +252,7 @@ def _measured(
     for key, log in logs_of(competition, rule_set, results, registry):  # one at a time: logs are large
         for variant, at in variants.items():
             try:
-                found[key, variant] = log.measure(at, variant[0]).findings
+                found[key, variant] = log.measure(at, [variant[0]]).findings
             except (PluginError, RuleSetError):
                 found[key, variant] = None
     return found
@@ -283,7 +283,7 @@ def _priced(
         return result
     if again:
         # `reprice` looks for each check with the parameters of the new rules.
-        checks = {
+        checks: dict[str, CheckUse] = {
             name: {**use, "with": dict(rules.checks[name].parameters)} if name in again else use
             for name, use in result.checks.items()
         }

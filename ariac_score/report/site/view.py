@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import pairwise
 from types import MappingProxyType
+from typing import ClassVar
 
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
@@ -15,14 +17,14 @@ from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRa
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Clause, Tally
 from ariac_score.report.html.wording import file_name
-from ariac_score.report.site.drawings import Bar, Scale, chances_path, scale_of
+from ariac_score.report.site.drawings import Bar, Scale, chances_path, progress, scale_of
 from ariac_score.report.site.what_if import WhatIfView, what_if_view
-from ariac_score.review.conduct import RunConduct, TeamConduct, conduct_of_teams
+from ariac_score.review.conduct import Breach, RunConduct, TeamConduct, conduct_of_teams
 from ariac_score.review.sensitivity import RankSensitivity, RankShift
 from ariac_score.review.what_if import WhatIf
 from ariac_score.scoring.steward import Adjustment
 
-__all__ = ["View", "clause_page", "team_page", "view_of"]
+__all__ = ["View", "clause_page", "clause_views", "team_page", "team_view", "view_of"]
 
 MOST_TEAMS_IN_PAIRS = 20
 """Of more teams the page compares neighbours only; the tables have all pairs."""
@@ -131,9 +133,16 @@ class View:
     decisions: tuple[Decision, ...] = ()
     decided_in: str = ""
     standards: tuple[str, ...] = ()
-    scale: Scale = Scale(0.0, 1.0)
+    scale: Scale | None = None
     digits: int = 2
     what_if: WhatIfView | None = None
+
+    most_in_pairs: ClassVar[int] = MOST_TEAMS_IN_PAIRS
+
+    @property
+    def columns(self) -> tuple[TeamRow, ...]:
+        """The teams that have a column of their own beside the standards: of many teams none has."""
+        return self.rows if len(self.rows) <= MOST_TEAMS_IN_PAIRS else ()
 
     @property
     def has_pages(self) -> bool:
@@ -322,3 +331,165 @@ def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
         tuple(PairRow(p, place(p.joint_low), place(p.joint_high), place(p.ahead)) for p in pairs),
         place(0.0),
     )
+
+
+# Pages of teams and clauses ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TrialProgress:
+    """The runs of a team in one trial, in the order of their numbers.
+
+    Attributes:
+        trial: Its id.
+        cell: What the trial counts for the team.
+        runs: The runs.
+        line: Their scores, as a path.
+        points: Their places in the drawing.
+        zero: Where a score of 0 lies in it.
+    """
+
+    trial: str
+    cell: Cell
+    runs: tuple[RunLink, ...]
+    line: str
+    points: tuple[tuple[float, float, int], ...]
+    zero: float
+
+
+@dataclass(frozen=True)
+class Help:
+    """What a check that found nothing wrong would have brought a team.
+
+    Attributes:
+        check: Its name in words.
+        clause: What it cites.
+        page: The page of that clause; empty where there is none.
+        gain: Points.
+        watched: Whether it is a monitor, and so a matter of safety.
+    """
+
+    check: str
+    clause: str
+    page: str
+    gain: Decimal
+    watched: bool
+
+
+@dataclass(frozen=True)
+class TeamView:
+    """What the page of a team shows."""
+
+    view: View
+    row: TeamRow
+    trials: tuple[TrialProgress, ...]
+    helps: tuple[Help, ...]
+
+
+PROGRESS_WIDTH, PROGRESS_HEIGHT = 300, 90
+
+
+def team_view(view: View, row: TeamRow, pages: Collection[str]) -> TeamView:
+    """The values of the page of a team.
+
+    Args:
+        view: The competition.
+        row: The team.
+        pages: The paths of the pages of clauses.
+    """
+    assert row.conduct is not None  # only then there is a page
+    cells = view.cells[row.standing.team]
+    scores = [link.run.score for own in view.cells.values() for one in own.values() for link in one.runs]
+    scale = scale_of(scores)
+    trials = []
+    for trial, one in cells.items():
+        own = [(link.run.number, link.run.score) for link in one.runs]
+        line, points = progress(own, scale, PROGRESS_WIDTH, PROGRESS_HEIGHT)
+        zero = round(PROGRESS_HEIGHT * (1 - scale.at(0) / 100), 1)
+        trials.append(TrialProgress(trial, one.cell, one.runs, line, points, zero))
+    cited: dict[str, Breach] = {}
+    for one in cells.values():
+        for link in one.runs:
+            for breach in link.conduct.breaches if link.conduct else ():
+                cited.setdefault(breach.finding.rpartition("#")[0], breach)
+    helps = []
+    for check, gain in row.conduct.gains.items():
+        found = cited.get(check)
+        page = clause_page(found.clause) if found else ""
+        clause = ", ".join(part for part in found.clause if part) if found else ""
+        watched = found is not None and found.watched
+        words = check.replace("_", " ")
+        helps.append(Help(words, clause, page if page in pages else "", gain, watched))
+    return TeamView(view, row, tuple(trials), tuple(helps))
+
+
+@dataclass(frozen=True)
+class ClauseRow:
+    """One team and one clause: how often and in how many runs it was violated, what the ledger took."""
+
+    row: TeamRow
+    violated: int
+    runs: int
+    undecided: int
+    cost: Decimal
+
+
+@dataclass(frozen=True)
+class ClauseView:
+    """What the page of a clause shows.
+
+    Attributes:
+        view: The competition.
+        tally: The clause, counted.
+        rows: The teams, those with most violations first.
+        found: The violations, each with its run, dear ones first, at most `MOST_LISTED`.
+        left_out: How many are not listed.
+        watched: Whether monitors cite it.
+    """
+
+    view: View
+    tally: Tally
+    rows: tuple[ClauseRow, ...]
+    found: tuple[tuple[RunLink, Breach], ...]
+    left_out: int
+    watched: bool
+
+
+MOST_LISTED = 300
+
+
+def clause_views(view: View) -> Iterator[ClauseView]:
+    """The pages of the clauses that were violated."""
+    listed: dict[Clause, list[tuple[RunLink, Breach]]] = {}
+    for own in view.cells.values():
+        for one in own.values():
+            for link in one.runs:
+                for breach in link.conduct.breaches if link.conduct else ():
+                    listed.setdefault(breach.clause, []).append((link, breach))
+    for tally in view.tallies or ():
+        if not tally.verdicts.get("violated"):
+            continue
+        found = sorted(listed.get(tally.clause, ()), key=lambda one: one[1].cost or Decimal(0))
+        costs: dict[str, Decimal] = {}
+        for link, breach in found:
+            costs[link.run.team] = costs.get(link.run.team, Decimal(0)) + (breach.cost or Decimal(0))
+        rows = [
+            ClauseRow(
+                row,
+                tally.violated.get(team, 0),
+                tally.runs.get(team, 0),
+                tally.undecided.get(team, 0),
+                costs.get(team, Decimal(0)),
+            )
+            for row in view.rows
+            for team in (row.standing.team,)
+        ]
+        rows.sort(key=lambda one: -one.violated)
+        yield ClauseView(
+            view,
+            tally,
+            tuple(rows),
+            tuple(found[:MOST_LISTED]),
+            tally.verdicts["violated"] - min(len(found), MOST_LISTED),
+            any(breach.watched for _, breach in found),
+        )
