@@ -402,7 +402,8 @@ def team_view(view: View, row: TeamRow, pages: Collection[str]) -> TeamView:
     scores = [link.run.score for own in view.cells.values() for one in own.values() for link in one.runs]
     scale = scale_of(scores)
     trials = []
-    for trial, one in cells.items():
+    for trial in view.ranking.trials:
+        one = cells[trial]
         own = [(link.run.number, link.run.score) for link in one.runs]
         line, points = progress(own, scale, PROGRESS_WIDTH, PROGRESS_HEIGHT)
         zero = round(PROGRESS_HEIGHT * (1 - scale.at(0) / 100), 1)
