@@ -560,7 +560,8 @@ def test_distances_are_headed_by_the_kinds_of_the_bodies_they_are_between() -> N
     def heading(*subjects: str) -> str:
         curves = tuple(replace(curve, subject=subject) for subject in subjects)
         drawn = replace(sketch, curves=curves, routes=routes)
-        page = trial_page(replace(result, measured=replace(result.measured, sketch=drawn)), "")
+        shown = replace(result, measured=replace(result.measured, sketch=drawn))
+        page = trial_page(shown, as_json(shown))
         return re.findall(r'<h2 id="separation-h"><bdi>(.*?)</bdi>', page)[0]
 
     assert heading("quad/ann") == "Separation of drone and walker"
