@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ariac_score.cli import settings
-from ariac_score.cli.apart import is_apart
 from ariac_score.cli.completion import ASKED, SCRIPTS, PrintCompletion, print_candidates
+from ariac_score.cli.notes import is_apart
 from ariac_score.cli.parser import EXIT_USAGE, Parser, add_everywhere, command_in, leaves
 from ariac_score.errors import ScoreError
 from ariac_score.terminal.output import discard_output

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from ariac_score.terminal.style import plain
 
-__all__ = ["counted", "note"]
+__all__ = ["APART", "counted", "is_apart", "note"]
+
+APART = "ARIAC_SCORE_APART"
+"""Environment variable that tells a command that it runs in a process of its own (`ariac_score.cli.apart`)."""
+
+
+def is_apart() -> bool:
+    """Whether this process does a command for another one, which has said what there is to say."""
+    return bool(os.environ.get(APART))
 
 
 def note(arguments: argparse.Namespace, text: str) -> None:
