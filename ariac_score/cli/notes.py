@@ -11,7 +11,7 @@ from ariac_score.terminal.style import plain
 __all__ = ["APART", "counted", "is_apart", "note"]
 
 APART = "ARIAC_SCORE_APART"
-"""Environment variable that tells a command that it runs in a process of its own (`ariac_score.cli.apart`)."""
+"""Environment variable that tells a command that another one runs it in a process of its own."""
 
 
 def is_apart() -> bool:
