@@ -6,7 +6,7 @@ Of a run all follows from its result; of a team from its runs, weighted as the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
@@ -15,10 +15,10 @@ from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import Cell, RunOutcome, TeamRank
 from ariac_score.ranking.violations import Clause, clause_of
 from ariac_score.results.result import Result
-from ariac_score.results.task_and_safety import TaskAndSafety, monitors_of, task_and_safety
 from ariac_score.review.lost_points import gains_by_check
+from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
 from ariac_score.scoring.ledger import taken_by
-from ariac_score.scoring.ruleset import rule_set_from_text
+from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
 __all__ = [
     "Approach",
@@ -64,7 +64,7 @@ class Breach:
     Attributes:
         finding: Its id.
         clause: The standard and the place in it.
-        watched: Whether a monitor found it, and so a matter of safety.
+        watched: Whether a check of safety found it.
         subject: Whom or what it is about.
         message: What happened.
         start_s: When it began, s; `None` where it has no time.
@@ -87,8 +87,8 @@ class RunConduct:
     Attributes:
         parts: Its score by task and safety; `None` where it cannot be split.
         approach: Its worst approach; `None` where no monitor demands a distance, or none was seen.
-        violated: How many violations of monitors there are, by clause.
-        breaches: The violations, at most `MOST_BREACHES`, those of monitors first, dear ones first.
+        violated: How many violations of safety there are, by clause.
+        breaches: The violations, at most `MOST_BREACHES`, those of safety first, dear ones first.
         left_out: How many violations are not listed.
         gains: By how much the score would have been higher had one check found nothing wrong.
     """
@@ -106,13 +106,13 @@ class TeamConduct:
     """One team over the runs that count.
 
     Attributes:
-        task: What its execution would be had no monitor found a violation; `None` where a run that counts
+        task: What its execution would be with every safety check kept; `None` where a run that counts
             cannot be split, or the rules do not add the trials up.
-        safety: What violations of monitors moved.
+        safety: What safety made of that.
         decided: What stewards moved.
         trials: The same for each trial.
         approach: Its worst approach, and in which run.
-        violated: How many violations of monitors all of its runs have, by standard.
+        violated: How many violations of safety all of its runs have, by standard.
         gains: What would have helped most in the runs that count, by check, the largest first.
     """
 
@@ -131,7 +131,7 @@ class TeamConduct:
 def conduct_of_run(result: Result) -> RunConduct:
     """What a result says of task, safety and approaches; after decisions of stewards, where there are any."""
     rules = rule_set_from_text(result.rules, file="the rules in the result")
-    monitors = monitors_of(rules)
+    monitors = frozenset(safety_checks(rules, result.measured))
     taken = taken_by(result.ledger)
     breaches = [
         Breach(
@@ -152,13 +152,21 @@ def conduct_of_run(result: Result) -> RunConduct:
         if breach.watched:
             violated[breach.clause] = violated.get(breach.clause, 0) + 1
     return RunConduct(
-        task_and_safety(result),
+        _parts(result, rules),
         _approach(result, monitors),
         violated,
         tuple(breaches[:MOST_BREACHES]),
         max(0, len(breaches) - MOST_BREACHES),
         gains_by_check(result, rules),
     )
+
+
+def _parts(result: Result, rules: RuleSet) -> TaskAndSafety | None:
+    """The final score in parts."""
+    parts = task_and_safety(result, rules)
+    if parts is None or result.score is None or result.final is None:
+        return None
+    return replace(parts, decided=result.final - result.score)
 
 
 def _approach(result: Result, monitors: frozenset[str]) -> Approach | None:
@@ -295,7 +303,6 @@ def _cell_parts(
     weighing: Weighing,
 ) -> TaskAndSafety | None:
     safety = decided = Decimal(0)
-    watched = False
     for run in kept:
         if run.outcome not in ("scored", "aborted"):  # it counts 0, or the worst of the trial
             continue
@@ -303,11 +310,10 @@ def _cell_parts(
         if own is None or own.score != run.score:
             return None
         safety, decided = safety + own.safety, decided + own.decided
-        watched |= own.watched
     share = weighing.share(len(kept))
     # Rounded as the score of the trial is; what that moves goes with the task.
     safety, decided = ((part * share).quantize(_NINE) for part in (safety, decided))
-    return TaskAndSafety(cell.score - safety - decided, safety, decided, watched)
+    return TaskAndSafety(cell.score - safety - decided, safety, decided=decided)
 
 
 def _summed(trials: Sequence[TaskAndSafety | None], total: str) -> Parts:

@@ -22,9 +22,9 @@ from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.results.result import CheckUse, Result
-from ariac_score.results.task_and_safety import TaskAndSafety, task_points
 from ariac_score.review.conduct import Weighing, parts_of_team
 from ariac_score.review.sensitivity import NEEDS_LOG, UNUSED, Knob, knobs_of, logs_of
+from ariac_score.review.task_and_safety import TaskAndSafety, task_points
 from ariac_score.scoring.ledger import Line, rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -64,7 +64,7 @@ class Place:
     Attributes:
         rank: `None` for a team without one.
         score: Its sum over the trials.
-        task: What that would be had no monitor found a violation; `None` where it cannot be said.
+        task: What that would be with every safety check kept; `None` where it cannot be said.
     """
 
     rank: int | None
@@ -312,9 +312,7 @@ def _places(ranking: Ranking, rules: RuleSet, spec: Spec) -> Point:
         own[run.team].append(run)
         if run.kept and run.result is not None and run.score is not None:
             task = task_points(run.result.measured, rules, run.result.cohort)
-            parts[run.key] = (
-                None if task is None else TaskAndSafety(task, run.score - task, Decimal(0), watched=True)
-            )
+            parts[run.key] = None if task is None else TaskAndSafety(task, run.score - task)
     return {
         standing.team: Place(
             standing.rank,

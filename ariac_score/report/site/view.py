@@ -366,7 +366,7 @@ class Help:
         clause: What it cites.
         page: The page of that clause; empty where there is none.
         gain: Points.
-        watched: Whether it is a monitor, and so a matter of safety.
+        watched: Whether it is about safety.
     """
 
     check: str
@@ -445,7 +445,7 @@ class ClauseView:
         rows: The teams, those with most violations first.
         found: The violations, each with its run, dear ones first, at most `MOST_LISTED`.
         left_out: How many are not listed.
-        watched: Whether monitors cite it.
+        watched: Whether it is about safety.
     """
 
     view: View
