@@ -14,6 +14,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import Adjusted
@@ -43,6 +44,7 @@ def amount_text(amount: Decimal, *, sign: bool = False) -> str:
     return f"+{text}" if sign and amount > 0 else text
 
 
+@in_own_decimals
 def score_text(result: Result, style: Style | None = None) -> str:
     """The page a team reads: score, how it came about, what cost points and when, what was not judged."""
     style = style or Style()
@@ -179,7 +181,12 @@ def _ledger_line(line: Line, style: Style, depth: int) -> str:
 
 def _beside(line: Line) -> str:
     """What else there is to say of an amount: the rule's price, or why it is 0."""
-    words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
+    words = []
+    if line.nominal is not None and line.kind == "cap":
+        how = "gives back" if line.nominal > 0 else "takes back"
+        words.append(f"of the prices by the rule it {how} {amount_text(abs(line.nominal))}")
+    elif line.nominal is not None:
+        words.append(f"by the rule {amount_text(line.nominal, sign=True)}")
     words += [line.reason] if line.reason and line.kind != "cap" else []
     return f"  ({'; '.join(map(plain, words))})" if words else ""
 

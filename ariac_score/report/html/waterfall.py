@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
 
@@ -71,6 +72,7 @@ class Waterfall:
     decimals: int
 
 
+@in_own_decimals
 def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
     """The steps of a ledger.
 
