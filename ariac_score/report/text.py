@@ -155,9 +155,11 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
-        if depth < deepest and shown.children and not of_findings:
-            yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
+        inner = shown.children
+        if all(child.findings for child in inner) and not shown.path.endswith("/taken"):
+            inner = tuple(child for child in inner if child.kind == "factor")
+        if depth < deepest and inner:
+            yield from _ledger_lines(inner, style, depth=depth + 1, deepest=deepest)
 
 
 def _worth_showing(line: Line) -> Line:

@@ -257,7 +257,7 @@ class Product(Node):
         factors: Each factor once with its power; products in it are resolved.
         named: For a factor the outermost name it came under.
         measured_against: The factors that compare this trial with other teams. While something is earned
-            they count last, so that a line of their own says what they brought.
+            they count last, so that a line of their own says what they brought. No gate moves then.
     """
 
     __slots__ = ("factors", "measured_against", "named")
@@ -352,8 +352,7 @@ class Product(Node):
         closing = [n for n, (_, after) in ends.items() if after == 0]
         between = [n for n, (before, after) in ends.items() if before and after]
         gates = [n for n in between if n.moves[step] and n.steps and ends[n][0] != ends[n][1]]
-        graded = [n for n in between if n not in set(gates)]
-        last = set(self.measured_against) if step == 0 else set()
+        later = set(gates) | (set(self.measured_against) if step == 0 else set())
         amounts: dict[Node, Exact] = {}
         slopes: dict[Node, Exact] = {}
         # Opened by all of them together: without any one there would be nothing.
@@ -361,7 +360,7 @@ class Product(Node):
         value *= prod(ends[n][0] for n in closing)
         for node in opening:
             amounts[node] = Fraction(value) / len(opening)
-        for stage in ([n for n in graded if n not in last], gates, [n for n in graded if n in last]):
+        for stage in ([n for n in between if n not in later], [n for n in between if n in later]):
             after = value
             for node in stage:
                 after = _divided(after * ends[node][1], ends[node][0])
@@ -491,13 +490,9 @@ class Every(Node):
     _hides = "decided by something else: {label}"
 
     def _slopes(self, step: int) -> list[tuple[Node, Exact]]:
-        change = self.change(step)
-        turned = [n for n in self.among if change and n.change(step) == change]
-        return [
-            (node, Fraction(1, len(turned)) if node in turned else 0)
-            for node in self.among
-            if node.moves[step]
-        ]
+        change, moving = self.change(step), [node for node in self.among if node.moves[step]]
+        turned = [node for node in moving if change and node.change(step) == change]
+        return [(node, Fraction(1, len(turned)) if node in turned else 0) for node in moving]
 
 
 class Compared(Node):

@@ -350,11 +350,16 @@ class _Pieces:
         if not node.measured_against:
             return []
         amounts = earning.times(node.against())
-        names = list(dict.fromkeys(node.named[n].label for n in node.measured_against))
+        names: dict[str, str] = {}
+        for n in node.measured_against:
+            name, power = node.named[n], node.factors[n]
+            names[name.label] = " / " if name is n and power < 0 else " * "
         value = float(prod(node.factor(n, KEPT) for n in node.measured_against))
         findings = tuple(key for n in node.measured_against for key in _asked(n))
         self.told.update(findings)
-        label = f"times {' * '.join(names)} = {value:.6g}"
+        times = "".join(f"{by}{name}" for name, by in sorted(names.items(), key=lambda each: each[1]))
+        times = times.removeprefix(" * ") if times.startswith(" * ") else f"1{times}"
+        label = f"times {times} = {value:.6g}"
         slug = "_".join(names)
         return [_Piece(label, *amounts, "factor", findings=findings, value=value, slug=slug)]
 
