@@ -27,8 +27,8 @@ from ariac_score.results.result_file import load_result
 from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
+from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.penalties import penalty_names
-from ariac_score.scoring.ruleset import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
 from ariac_score.terminal.style import plain
 
