@@ -319,8 +319,9 @@ def _sketch_from_2(sketch: Any) -> Any:
 
 
 def _other_words(former: Mapping[str, Any]) -> str:
-    """What was kept beside the names: kind and places."""
-    told = (v for key, v in former.items() if key not in ("order", "task") and isinstance(v, str))
+    """What was kept beside the names: the kind first, then places."""
+    kept = sorted(former.items(), key=lambda item: item[0] != "kind")
+    told = (v for key, v in kept if key not in ("order", "task") and isinstance(v, str))
     return ", ".join(words for words in told if words not in ("", "any"))
 
 
