@@ -268,9 +268,24 @@ def test_any_text_survives_being_embedded(text: str) -> None:
     assert embedded_result(block) == stored
 
 
-def test_without_output_the_page_goes_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", str(RESULT)]) == 0
+def test_a_page_goes_to_stdout_where_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(RESULT), "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("<!DOCTYPE html>")
+
+
+def test_a_page_that_nobody_names_has_the_name_of_its_result_and_takes_no_other_files_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    assert main(["report", str(RESULT)]) == 0
+    assert capsys.readouterr() == ("", "open kitting_near_miss.html\n")
+    assert main(["report", "-q", str(RESULT)]) == 0  # its own page may be made again
+    assert capsys.readouterr() == ("", "")
+    Path("kitting_near_miss.html").write_text("<p>notes of mine</p>")
+    assert main(["report", str(RESULT)]) == 4
+    assert "no page of a trial" in capsys.readouterr().err
+    assert Path("kitting_near_miss.html").read_text() == "<p>notes of mine</p>"
 
 
 @pytest.mark.parametrize(
@@ -565,7 +580,8 @@ def test_distances_are_headed_by_the_kinds_of_the_bodies_they_are_between() -> N
     def heading(*subjects: str) -> str:
         curves = tuple(replace(curve, subject=subject) for subject in subjects)
         drawn = replace(sketch, curves=curves, routes=routes)
-        page = trial_page(replace(result, measured=replace(result.measured, sketch=drawn)), "")
+        shown = replace(result, measured=replace(result.measured, sketch=drawn))
+        page = trial_page(shown, as_json(shown))
         return re.findall(r'<h2 id="separation-h"><bdi>(.*?)</bdi>', page)[0]
 
     assert heading("quad/ann") == "Separation of drone and walker"
