@@ -20,7 +20,7 @@ from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
-from ariac_score.scoring.ruleset import GROUP as RULE_SETS
+from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities

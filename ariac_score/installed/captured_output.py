@@ -8,13 +8,13 @@ which there is none within one process (docs/security.md).
 
 from __future__ import annotations
 
-import decimal
 import io
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from decimal import localcontext
 from typing import IO, NamedTuple, TextIO
 
 from ariac_score.errors import PluginError
@@ -120,7 +120,8 @@ def quiet(
     state = _State() if deep else None
     left = ""
     try:
-        with running(words), redirect_stdout(printed):
+        # Decimals in a context of its own: what a plugin sets there may not round the next one's numbers.
+        with running(words), redirect_stdout(printed), localcontext():
             if deep:
                 with _diverted(diverted):
                     yield
@@ -165,12 +166,10 @@ class _State:
 
     def __init__(self) -> None:
         self.folder, self.error = _folder(), sys.stderr
-        self.decimals = decimal.getcontext().copy()
         self.below = _copy_of(_STDERR)
 
     def restored(self) -> str:
         """Bring it back; what the plugin had done, as a predicate, else empty."""
-        decimal.setcontext(self.decimals)
         done = ""
         if _folder() != self.folder and self.folder:
             with suppress(OSError):

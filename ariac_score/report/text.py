@@ -11,9 +11,12 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.report.figures import amount_text
+from ariac_score.report.summary import summary_of
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import Adjusted
@@ -32,17 +35,7 @@ _WIDTH = 64
 _SHOWN = 12
 
 
-def amount_text(amount: Decimal, *, sign: bool = False) -> str:
-    """An amount without trailing zeros.
-
-    >>> amount_text(Decimal("-3.500000")), amount_text(Decimal("28.000000"), sign=True)
-    ('-3.5', '+28')
-    """
-    text = f"{amount:f}"
-    text = text.rstrip("0").rstrip(".") if "." in text else text
-    return f"+{text}" if sign and amount > 0 else text
-
-
+@in_own_decimals
 def score_text(result: Result, style: Style | None = None) -> str:
     """The page a team reads: score, how it came about, what cost points and when, what was not judged."""
     style = style or Style()
@@ -72,6 +65,9 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     else:
         why = plain(result.missing) or "something it depends on is undecided"
         yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
+    told = summary_of(result, with_score=False)
+    if told:
+        yield told
     if result.task is not None:
         yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""
@@ -153,9 +149,11 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
-        if depth < deepest and shown.children and not of_findings:
-            yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
+        inner = shown.children
+        if all(child.findings for child in inner) and not shown.path.endswith("/taken"):
+            inner = tuple(child for child in inner if child.kind == "factor")
+        if depth < deepest and inner:
+            yield from _ledger_lines(inner, style, depth=depth + 1, deepest=deepest)
 
 
 def _worth_showing(line: Line) -> Line:
@@ -179,7 +177,12 @@ def _ledger_line(line: Line, style: Style, depth: int) -> str:
 
 def _beside(line: Line) -> str:
     """What else there is to say of an amount: the rule's price, or why it is 0."""
-    words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
+    words = []
+    if line.nominal is not None and line.kind == "cap":
+        how = "gives back" if line.nominal > 0 else "takes back"
+        words.append(f"of the prices by the rule it {how} {amount_text(abs(line.nominal))}")
+    elif line.nominal is not None:
+        words.append(f"by the rule {amount_text(line.nominal, sign=True)}")
     words += [line.reason] if line.reason and line.kind != "cap" else []
     return f"  ({'; '.join(map(plain, words))})" if words else ""
 
@@ -194,16 +197,16 @@ def _name(line: Line) -> str:
 
 
 def _losses(result: Result, style: Style) -> Iterator[str]:
-    """Every violation the score depends on, safety first, then in order of subject."""
+    """Every violation the score depends on, and what else took points, those without a time last."""
+    costs, taken = _costs(result), taken_by(result.ledger)
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
         for key, finding in result.measured.findings.items()
-        if finding.verdict is Verdict.VIOLATED and finding.check in priced
+        if finding.check in priced and (finding.verdict is Verdict.VIOLATED or key in taken)
     ]
     if found:
         yield style("What cost points", "bold")
-        costs = _costs(result)
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
             cost = costs.get(key, "")

@@ -122,8 +122,9 @@ def test_who_reads_a_kind_of_record_stands_in_the_result_of_a_log_that_has_one(
 ) -> None:
     install("tea-cup", {"spill": "Spill"}, source=SPILLS, group="ariac_score.record_kinds")
     other = tmp_path / "spilled.jsonl"
-    *lines, end = log.read_text(encoding="utf-8").splitlines()
-    other.write_text("\n".join([*lines, '{"record": "spill", "at_s": 3.0}', end]), encoding="utf-8")
+    *lines, _ = log.read_text(encoding="utf-8").splitlines()
+    spill, end = '{"record": "spill", "at_s": 3.0}', f'{{"record": "end", "records": {len(lines) + 2}}}'
+    other.write_text("\n".join([*lines, spill, end]), encoding="utf-8")
 
     without, spilled = (
         {code.distribution for code in score_trial(one, RULES).provenance.code} for one in (log, other)
