@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from decimal import localcontext
 from typing import IO
 
 from ariac_score.installed.running import running
@@ -45,7 +46,8 @@ def quiet(
     diverted: list[str] = []
     try:
         check = f"check {of!r}: " if of else ""
-        with running(f"{check}plugin {origin}"), redirect_stdout(printed):
+        # Decimals in a context of its own: what a plugin sets there may not round the next one's numbers.
+        with running(f"{check}plugin {origin}"), redirect_stdout(printed), localcontext():
             if deep:
                 with _diverted(diverted):
                     yield

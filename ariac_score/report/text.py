@@ -16,6 +16,7 @@ from ariac_score.report.summary import summary_of
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import Adjusted
@@ -34,6 +35,7 @@ _WIDTH = 64
 _SHOWN = 12
 
 
+@in_own_decimals
 def score_text(result: Result, style: Style | None = None) -> str:
     """The page a team reads: score, how it came about, what cost points and when, what was not judged."""
     style = style or Style()
@@ -147,9 +149,11 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
-        if depth < deepest and shown.children and not of_findings:
-            yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
+        inner = shown.children
+        if all(child.findings for child in inner) and not shown.path.endswith("/taken"):
+            inner = tuple(child for child in inner if child.kind == "factor")
+        if depth < deepest and inner:
+            yield from _ledger_lines(inner, style, depth=depth + 1, deepest=deepest)
 
 
 def _worth_showing(line: Line) -> Line:
@@ -173,7 +177,12 @@ def _ledger_line(line: Line, style: Style, depth: int) -> str:
 
 def _beside(line: Line) -> str:
     """What else there is to say of an amount: the rule's price, or why it is 0."""
-    words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
+    words = []
+    if line.nominal is not None and line.kind == "cap":
+        how = "gives back" if line.nominal > 0 else "takes back"
+        words.append(f"of the prices by the rule it {how} {amount_text(abs(line.nominal))}")
+    elif line.nominal is not None:
+        words.append(f"by the rule {amount_text(line.nominal, sign=True)}")
     words += [line.reason] if line.reason and line.kind != "cap" else []
     return f"  ({'; '.join(map(plain, words))})" if words else ""
 

@@ -19,6 +19,7 @@ from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.adjustments import apply, check_targets
 from ariac_score.results.codec import Format, as_text, encodable, plain
 from ariac_score.results.result import SEQUENCE, Measured, Result
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
@@ -339,6 +340,7 @@ RESULT = Format(
 # Reading -------------------------------------------------------------------------------
 
 
+@in_own_decimals
 def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
     """Read a stored result and check that it is whole.
 
@@ -374,6 +376,7 @@ def read_result(path: Path, *, known: bool = False) -> Result:
     return RESULT.read(path, known=known)
 
 
+@in_own_decimals
 def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
     """The result in the bytes of a file, as `read_result` reads it.
 
