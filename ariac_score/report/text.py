@@ -198,7 +198,7 @@ def _name(line: Line) -> str:
 
 def _losses(result: Result, style: Style) -> Iterator[str]:
     """Every violation the score depends on, and what else took points, those without a time last."""
-    costs, taken = _costs(result), taken_by(result.ledger)
+    costs, earned, taken = _costs(result), _earned(result), taken_by(result.ledger)
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
@@ -209,7 +209,7 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
         yield style("What cost points", "bold")
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
-            cost = costs.get(key, "")
+            cost = costs.get(key) or (f" (it earned {amount_text(earned[key])})" if earned.get(key) else "")
             yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}{cost}"
         yield from _more(len(timed) - 2 * _SHOWN, style)
 
@@ -342,12 +342,18 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     return "\n".join(lines + term)
 
 
-def _prices(result: Result) -> dict[str, str]:
-    """What each finding took or earned, or why it changed nothing."""
+def _earned(result: Result) -> dict[str, Decimal]:
+    """What each finding earned by itself."""
     earned: dict[str, Decimal] = {}
     for line in result.ledger.walk() if result.ledger else ():
         if line.kind == "amount" and len(line.findings) == 1 and not line.children:
             earned[line.findings[0]] = earned.get(line.findings[0], Decimal(0)) + line.amount
+    return earned
+
+
+def _prices(result: Result) -> dict[str, str]:
+    """What each finding took or earned, or why it changed nothing."""
+    earned = _earned(result)
     priced = {name for name, check in result.checks.items() if check["priced"]}
     prices = {
         key: "" if finding.check in priced else " (not priced)"

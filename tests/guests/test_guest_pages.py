@@ -52,9 +52,9 @@ def test_a_page_shows_the_amounts_derived_by_hand(
 def test_what_a_run_lost_by_its_time_alone_is_named_though_no_rule_was_broken(
     guests: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = seen(exact(page_of(guests / "barn/recording/world_42", "barn", tmp_path)))
+    text = seen(page_of(guests / "barn/recording/world_42", "barn", tmp_path))
 
-    assert "Had this been right Findings Points more navigation check navigation#1 0.187492" in text
+    assert re.search(r"Had this been right .* navigation check navigation#1 \+0.19\b", text)
     capsys.readouterr()
     assert main(["score", str(guests / "barn/recording/world_42"), "--rules", "barn"]) == 0
     _, losses = capsys.readouterr().out.split("What cost points\n")
