@@ -567,7 +567,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     signals = page[page.index('id="coverage"') : page.index('id="idle"')]
     assert "position/robot" in signals
     assert "human" not in signals
-    plan = seen(page[page.index('id="plan"') : page.index('id="work"')])
+    plan = seen(page[page.index('id="plan"') : page.index('id="why"')])
     assert "robot (robot)" in plan
     assert "human" not in plan
 
