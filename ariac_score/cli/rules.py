@@ -24,7 +24,7 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import changes_text
 from ariac_score.report.text import amount_text
 from ariac_score.results.result_file import load_result
-from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
+from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.penalties import penalty_names
@@ -197,8 +197,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
+        bridged = {} if is_penalty else bridged_pauses(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
-        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events)
+        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events, bridged=bridged)
         tried = sum(outcome.cases for outcome in outcomes)
         where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")

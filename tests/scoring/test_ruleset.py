@@ -440,7 +440,7 @@ def test_a_parameter_of_the_competition_at_the_top_is_refused_with_the_line_to_w
     [
         ("{use: regatta}", PluginNotFoundError, "no installed distribution provides 'regatta'", 24),
         ("{use: ariac, with: {editoin: 2020}}", RuleSetError, "ariac has no parameter 'editoin'", 24),
-        ("{use: ariac, with: {edition: latest}}", RuleSetError, "'latest' is not a int", 24),
+        ("{use: ariac, with: {edition: latest}}", RuleSetError, "'latest' is not an int", 24),
         ("ariac", RuleSetError, "'ariac' is not of type 'object'", 24),
         ("{with: {edition: 2020}}", RuleSetError, "key 'use' is missing", 24),
     ],
