@@ -12,7 +12,8 @@ from ariac_score import Verdict, as_json, load_result, load_rule_set, score_tria
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
 from ariac_score.errors import RuleSetError
-from ariac_score.scoring.ruleset import MAX_TEXT_BYTES, expanded_yaml
+from ariac_score.scoring.extending import MAX_TEXT_BYTES
+from ariac_score.scoring.ruleset import expanded_yaml
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"

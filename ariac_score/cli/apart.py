@@ -16,13 +16,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+from ariac_score.cli.notes import APART, is_apart
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.installed.running import note_in, noted
 
 __all__ = ["begin", "is_apart", "run_apart"]
 
-_APART = "ARIAC_SCORE_APART"
-"""Environment variable that tells a command that it runs in a process of its own."""
 _LOOKS_EVERY_S = 0.1
 _KILLED_S = 10.0
 # Not `python -m`, which would look for modules in the working directory first.
@@ -30,11 +29,6 @@ _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from ariac_score.cli.apart import begin; begin(sys.argv[2], json.loads(sys.argv[3]))"
 )
-
-
-def is_apart() -> bool:
-    """Whether this process was started by `run_apart`."""
-    return bool(os.environ.get(_APART))
 
 
 def run_apart(given: Sequence[str], *, limit_s: float = math.inf, call_limit_s: float = math.inf) -> int:
@@ -56,7 +50,7 @@ def run_apart(given: Sequence[str], *, limit_s: float = math.inf, call_limit_s: 
             [sys.executable, "-c", _START, json.dumps(sys.path), folder, json.dumps(list(given))],
             stdout=out,
             stderr=err,
-            env={**os.environ, _APART: "1"},
+            env={**os.environ, APART: "1"},
         )
         try:
             in_time = _waited(process, note, limit_s, call_limit_s)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ariac_score.cli.notes import counted, note
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.compare import differences
@@ -24,7 +24,6 @@ from ariac_score.review.sensitivity import RankSensitivity, rank_sensitivity
 from ariac_score.review.sensitivity_file import load_rank_sensitivity
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, write
-from ariac_score.terminal.style import plain
 
 __all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
@@ -117,7 +116,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
         )
         file = Path(folder) / "ranking.json"
         write(text, file)
-        _make(file, Path(folder), out, previous, sensitivity)
+        _make(arguments, file, Path(folder), out, previous, sensitivity)
     return exit_code(ranking, listed=False)
 
 
@@ -144,7 +143,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             file=folder,
             hint="give their folder with --results, or rank again with --results DIR",
         )
-    _make(arguments.result, folder, out, previous, sensitivity)
+    _make(arguments, arguments.result, folder, out, previous, sensitivity)
     return exit_code(publication.ranking, listed=False)
 
 
@@ -184,6 +183,7 @@ def _sensitivity(
 
 
 def _make(
+    arguments: argparse.Namespace,
     file: Path,
     folder: Path | None,
     out: Path,
@@ -194,4 +194,4 @@ def _make(
     site = Site(publication, folder, previous, sensitivity)
     with counting_bar("drawing", len(publication.results)) as step:
         count = write_site(site, out, write, progress=step)
-    print(plain(f"{count} files in {out}; open {out / 'index.html'}"), file=sys.stderr)
+    note(arguments, f"{counted(count, 'file')} in {out}; open {out / 'index.html'}")

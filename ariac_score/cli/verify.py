@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.notes import counted
+from ariac_score.cli.stored import not_a_log
 from ariac_score.errors import UsageError
 from ariac_score.results.signing import check_signature
 from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
@@ -70,14 +72,15 @@ def run(arguments: argparse.Namespace) -> int:
             "--local-plugins needs the rule set and the log",
             hint="add --rules FILE, beside which the code lies, and --log PATH",
         )
-    found = verify_result(
-        arguments.result,
-        log=arguments.log,
-        rules=arguments.rules,
-        log_map=arguments.log_map,
-        adjustments=arguments.adjustments,
-        local_plugins=arguments.local_plugins,
-    )
+    with not_a_log(arguments.result, "verify"):
+        found = verify_result(
+            arguments.result,
+            log=arguments.log,
+            rules=arguments.rules,
+            log_map=arguments.log_map,
+            adjustments=arguments.adjustments,
+            local_plugins=arguments.local_plugins,
+        )
     if arguments.signature is not None or arguments.public_key:
         found = _with_signature(found, arguments)
     if arguments.output_format == "json":
@@ -120,7 +123,7 @@ def _kind(found: Verification) -> str:
         return f"automatic result, score {automatic}, {under}"
     final = "none" if result.adjusted.score is None else f"{result.adjusted.score:f}"
     count = len(result.adjusted.adjustments)
-    decisions = "1 decision" if count == 1 else f"{count} decisions"
+    decisions = counted(count, "decision")
     return f"adjusted result, score {final} by {decisions} of stewards, automatic score {automatic}, {under}"
 
 

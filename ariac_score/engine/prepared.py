@@ -12,13 +12,15 @@ from typing import Any
 
 from ariac_score.checks.contracts import FactSchemas, SignalNeed
 from ariac_score.checks.measures import measures_of
+from ariac_score.checks.origins import KEY as RESTS_ON
+from ariac_score.checks.origins import is_foreign, origins
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
-from ariac_score.scoring.ruleset import GROUP as RULE_SETS
+from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
@@ -115,7 +117,7 @@ class Prepared:
 
     @cached_property
     def _data_plugins(self) -> tuple[Plugin, ...]:
-        """What other distributions bring of the data it rests on: its rule set and its log map.
+        """What other distributions bring of its data: rule set, log map, what these extend and include.
 
         By name and hash, not by where they were loaded from: a worker of a batch and `verify` are given
         the rules as text.
@@ -128,10 +130,11 @@ class Prepared:
         for group, used in ((RULE_SETS, self.rule_set), (LOG_MAPS, self.log_map)):
             with suppress(ScoreError):  # nothing of that name is installed, or nothing that can be used
                 plugin = self.registry.file(group, used.id).plugin
-                # Ours stand in every result already, by the hash of the engine's code.
-                foreign = plugin.distribution != "ariac-score"
-                if foreign and loaders[group](used.id, registry=self.registry).sha256 == used.sha256:
-                    found.append(plugin)
+                if is_foreign(plugin):
+                    installed = loaders[group](used.id, registry=self.registry)
+                    found += [plugin] if installed.sha256 == used.sha256 else []
+        for noted in (self.rule_set.expanded.get(RESTS_ON, {}), self.log_map.rests_on):
+            found += origins(noted, self.registry)
         return tuple(found)
 
     def derived(self, trial: Trial) -> Trial:

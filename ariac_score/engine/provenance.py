@@ -18,6 +18,7 @@ from ariac_score.errors import LogError, PluginError
 from ariac_score.logs.bundle import Bundle, Part, name_from
 from ariac_score.logs.containers.ranged import ranged
 from ariac_score.results.result import Code, Pinned, Provenance, Source
+from ariac_score.trial.model import Trial
 
 __all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
 
@@ -49,13 +50,14 @@ def hashing_files(bundle: Bundle, *, threaded: bool) -> Iterator[Callable[[], tu
             stopped.set()
 
 
-def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared) -> Provenance:
+def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared, trial: Trial) -> Provenance:
     """What a result rests on: its inputs, its rules, and the packages of all plugins that took part.
 
     Args:
         bundle: What was read.
         inputs: Its files with their hashes.
         prepared: By what it was scored.
+        trial: As it was read.
     """
     rule_set, log_map, registry = prepared.rule_set, prepared.log_map, prepared.registry
     plugins = [*prepared.plugins]
@@ -65,6 +67,7 @@ def provenance_of(bundle: Bundle, inputs: tuple[Source, ...], prepared: Prepared
         for channel in log_map.channels
         if channel.decoder
     ]
+    plugins += [registry.find(group, name) for group, name in trial.read_with]
     named = {TRACKS: log_map.tracks, COMPETITIONS: log_map.competition}
     plugins += [registry.find(group, use.use) for group, use in named.items() if use]
     code = {Code(*_package(plugin), plugin.code_sha256()) for plugin in plugins}

@@ -160,7 +160,7 @@ def score_trial(
     refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
-    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared))
+    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, trial))
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:

@@ -150,7 +150,7 @@ class JsonLinesReader:
             add(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
         if low <= high:
             builder.recorded = Span(low, high)
-        return builder.build()
+        return replace(builder.build(), read_with=kinds.read)
 
 
 def _check_bodies(path: Path, signal: str, bodies: Mapping[str, Body]) -> None:
@@ -371,6 +371,11 @@ class _Kinds(Mapping[str, RecordKind]):
     def __init__(self) -> None:
         self._registry: Registry | None = None
         self._built: dict[str, RecordKind] = {}
+
+    @property
+    def read(self) -> frozenset[tuple[str, str]]:
+        """Those that the log has, as group and name."""
+        return frozenset((_GROUP, kind) for kind in self._built)
 
     @property
     def _names(self) -> tuple[str, ...]:

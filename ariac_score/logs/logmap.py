@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from ariac_score.checks.origins import KEY as RESTS_ON
+from ariac_score.checks.origins import both_origins, note_origin
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.given import name_or_path
 from ariac_score.documents.schema import validate
@@ -103,10 +105,14 @@ def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDo
         error.file, error.place = str(path), place
         raise
     base = _expanded(found, (*below, path.resolve()), registry)
+    note_origin(base.data, GROUP, base_name, registry)
     _parsed(base)  # what is wrong with it is said of its own file
     # The hash covers the base, or an edit there would change what is read under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
-    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+    merged = _merged(base.data, document.data)
+    if RESTS_ON in merged:
+        merged[RESTS_ON] = both_origins(base.data.get(RESTS_ON, {}), document.data.get(RESTS_ON, {}))
+    return YamlDocument(merged, document.file, both, document.lines)
 
 
 def stand_alone(path: Path) -> bytes:
@@ -182,6 +188,7 @@ def _parsed(document: YamlDocument) -> LogMap:
         sha256=document.sha256,
         file=str(document.file),
         facts=data.get("facts", {}),
+        rests_on=data.get(RESTS_ON, {}),
     )
     log_map.refuse_stray_braces()
     return log_map

@@ -11,6 +11,8 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.report.figures import amount_text
+from ariac_score.report.summary import summary_of
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
@@ -31,17 +33,6 @@ _MARKS = {
 }
 _WIDTH = 64
 _SHOWN = 12
-
-
-def amount_text(amount: Decimal, *, sign: bool = False) -> str:
-    """An amount without trailing zeros.
-
-    >>> amount_text(Decimal("-3.500000")), amount_text(Decimal("28.000000"), sign=True)
-    ('-3.5', '+28')
-    """
-    text = f"{amount:f}"
-    text = text.rstrip("0").rstrip(".") if "." in text else text
-    return f"+{text}" if sign and amount > 0 else text
 
 
 def score_text(result: Result, style: Style | None = None) -> str:
@@ -73,6 +64,9 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     else:
         why = plain(result.missing) or "something it depends on is undecided"
         yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
+    told = summary_of(result, with_score=False)
+    if told:
+        yield told
     if result.task is not None:
         yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""
@@ -195,16 +189,16 @@ def _name(line: Line) -> str:
 
 
 def _losses(result: Result, style: Style) -> Iterator[str]:
-    """Every violation the score depends on, safety first, then in order of subject."""
+    """Every violation the score depends on, and what else took points, those without a time last."""
+    costs, taken = _costs(result), taken_by(result.ledger)
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
         for key, finding in result.measured.findings.items()
-        if finding.verdict is Verdict.VIOLATED and finding.check in priced
+        if finding.check in priced and (finding.verdict is Verdict.VIOLATED or key in taken)
     ]
     if found:
         yield style("What cost points", "bold")
-        costs = _costs(result)
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
             cost = costs.get(key, "")

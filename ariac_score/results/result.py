@@ -115,17 +115,22 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
     source: str = ""
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """The settings of a check.
 
     Attributes:
         source: The standard or document its plugin rests on, in the plugin's words.
         parameters: Every parameter, in the order the plugin has them.
+        mistake: What people call a violation of it, one and several, in the plugin's words; empty where
+            it does not say.
+        part_of: `task` or `safety`, where the plugin says so; else a monitor is about safety, and a rule
+            about the task unless all its quantities are penalties and factors.
     """
 
     source: str
     parameters: tuple[Setting, ...]
+    mistake: tuple[str, ...] = ()
+    part_of: Annotated[str, Meta(pattern="^(task|safety)?$")] = ""
 
 
 def _settled_scope(scope: Scope) -> Scope:

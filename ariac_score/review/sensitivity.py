@@ -7,7 +7,8 @@ numbers need the log, to measure again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import ast
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -31,9 +32,10 @@ from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.result import Measured, Result
+from ariac_score.scoring.expression import text_of
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.pricing import value_of
-from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.ruleset import Check, RuleSet
 from ariac_score.trial.derive import Derivation
 from ariac_score.trial.model import Trial
 
@@ -74,6 +76,7 @@ class Knob:
         declared: Whether the rule set says the range; else it is half to double.
         check: The monitor it belongs to; empty for a parameter of the formulas.
         used: Whether the score depends on it.
+        measured: The checks that find something else when it changes, so that the log is needed.
     """
 
     name: str
@@ -83,6 +86,7 @@ class Knob:
     declared: bool
     check: str = ""
     used: bool = True
+    measured: tuple[str, ...] = ()
 
     @property
     def parameter(self) -> str:
@@ -151,20 +155,31 @@ def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
         RuleSetError: A range is given for something of a monitor that is no number.
     """
     named = {
-        getattr(node, "id", "")
+        text_of(node)
         for each in rule_set.sheet.reached(rule_set.sheet.score)
         for node in each.walk()
+        if isinstance(node, ast.Name | ast.Attribute)
     }
+    taken = {name: _takers(rule_set, name) for name in rule_set.parameters}
     knobs = [
-        _knob(rule_set, name, float(value), used=name in named)
-        for name, value in rule_set.sheet.parameters.items()
+        _knob(
+            rule_set,
+            name,
+            float(one.value),
+            takers=taken[name],
+            used=name in named or not rule_set.sheet.scored.isdisjoint(taken[name]),
+        )
+        for name, one in rule_set.parameters.items()
+        # The numbers of a map, such as a list of prices, are not varied one by one.
+        if taken[name] or name.partition(".")[0] not in _taken_whole(rule_set)
     ]
     built = rule_set.build(registry)
     for check in rule_set.checks.values():
         if not isinstance(built[check.name], Monitor):
             continue
         ranged = [n.partition(".")[2] for n in rule_set.ranges if n.startswith(f"{check.name}.")]
-        for parameter in dict.fromkeys([*check.parameters, *ranged]):
+        own = [parameter for parameter in check.parameters if parameter not in check.named]
+        for parameter in dict.fromkeys([*own, *ranged]):
             value = check.parameters.get(parameter, getattr(built[check.name], parameter, None))
             if isinstance(value, int | float) and not isinstance(value, bool):
                 name = f"{check.name}.{parameter}"
@@ -180,22 +195,50 @@ def knobs_of(rule_set: RuleSet, registry: Registry) -> list[Knob]:
     return knobs
 
 
-def _knob(rule_set: RuleSet, name: str, base: float, *, used: bool, check: str = "") -> Knob:
+def _takers(rule_set: RuleSet, name: str) -> tuple[str, ...]:
+    """The checks that take a named parameter."""
+    return tuple(check.name for check in rule_set.checks.values() if name in check.named.values())
+
+
+def _taken_whole(rule_set: RuleSet) -> set[str]:
+    """The groups of parameters that a check takes as a map."""
+    named = {one for check in rule_set.checks.values() for one in check.named.values()}
+    return named - set(rule_set.parameters)
+
+
+def _knob(
+    rule_set: RuleSet, name: str, base: float, *, used: bool, check: str = "", takers: tuple[str, ...] = ()
+) -> Knob:
     declared = rule_set.ranges.get(name)
     # Sorted, for of a negative number the double is the lower one; of 0 there is neither half nor double.
     low, high = declared or (sorted(base * factor for factor in _AROUND) if base else (0.0, 1.0))
-    return Knob(name, base, low, high, declared is not None, check, used)
+    return Knob(
+        name, base, low, high, declared is not None, check, used, takers or ((check,) if check else ())
+    )
 
 
 def with_value(rule_set: RuleSet, knob: Knob, value: float) -> RuleSet:
     """The rule set with another value of a number."""
     if not knob.check:
         parameters = {**rule_set.sheet.parameters, knob.name: value}
+        checks = {
+            **rule_set.checks,
+            **{name: _taking(rule_set, name, knob.name, value) for name in knob.measured},
+        }
         # Without `expanded`: as text it would still show the old value.
-        return replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters), expanded={})
+        return replace(
+            rule_set, sheet=replace(rule_set.sheet, parameters=parameters), checks=checks, expanded={}
+        )
     check = rule_set.checks[knob.check]
     changed = replace(check, parameters={**check.parameters, knob.parameter: value})
     return replace(rule_set, checks={**rule_set.checks, check.name: changed}, expanded={})
+
+
+def _taking(rule_set: RuleSet, name: str, parameter: str, value: float) -> Check:
+    """A check with another value of the named parameter that it takes."""
+    check = rule_set.checks[name]
+    changed = {own: value for own, named in check.named.items() if named == parameter}
+    return replace(check, parameters={**check.parameters, **changed})
 
 
 # One score -----------------------------------------------------------------------------
@@ -213,17 +256,17 @@ class _Log:
         self.trial = read_needed(bundle, readers, prepare(rule_set, registry=registry))
         self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 
-    def measure(self, rule_set: RuleSet, only: str = "") -> Measured:
-        """What the checks of a rule set find in it, or what only one of them finds."""
+    def measure(self, rule_set: RuleSet, only: Sequence[str] = ()) -> Measured:
+        """What the checks of a rule set find in it, or what only some of them find."""
         prepared = prepare(rule_set, registry=self.registry)
         # Derived signals depend on the needs of all checks, so they are those of all even for one check.
         trial = self._derived(prepared)
-        return measure_trial(trial, prepared.only([only]) if only else prepared)
+        return measure_trial(trial, prepared.only(only) if only else prepared)
 
-    def measure_again(self, measured: Measured, rule_set: RuleSet, check: str) -> Measured:
-        """What was measured, with the new findings of one check."""
-        kept = {name: f for name, f in measured.findings.items() if f.check != check}
-        return replace(measured, findings={**kept, **self.measure(rule_set, check).findings})
+    def measure_again(self, measured: Measured, rule_set: RuleSet, checks: Sequence[str]) -> Measured:
+        """What was measured, with the new findings of some checks."""
+        kept = {name: f for name, f in measured.findings.items() if f.check not in checks}
+        return replace(measured, findings={**kept, **self.measure(rule_set, checks).findings})
 
     def _derived(self, prepared: Prepared) -> Trial:
         wanted = prepared.derivations
@@ -262,7 +305,7 @@ def score_sensitivity(
         )
     found = []
     for knob in knobs_of(rule_set, registry):
-        if not knob.used or (knob.check and read is None):
+        if not knob.used or (knob.measured and read is None):
             found.append(ScoreSensitivity(knob, skipped=NEEDS_LOG if knob.used else UNUSED))
         else:
             found.append(_score_over(knob, _scorer(knob, rule_set, again, read), rule_set.digits))
@@ -275,8 +318,8 @@ def _scorer(
     def score(value: float) -> float | None:
         rules = with_value(rule_set, knob, value)
         measured = result.measured
-        if knob.check and log is not None:
-            measured = log.measure_again(measured, rules, knob.check)
+        if knob.measured and log is not None:
+            measured = log.measure_again(measured, rules, knob.measured)
         return _score(measured, rules, result)
 
     return score
@@ -388,10 +431,10 @@ def rank_sensitivity(
     logs: dict[RunKey, _Log] = {}
     found = []
     for knob in knobs_of(rule_set, registry):
-        if not knob.used or (knob.check and stored):
+        if not knob.used or (knob.measured and stored):
             found.append(RankSensitivity(knob, skipped=NEEDS_LOG if knob.used else UNUSED))
             continue
-        if knob.check and not logs:
+        if knob.measured and not logs:
             logs = _logs(competition, rule_set, results, registry)
         ranks = _Remembered(_ranker(knob, competition, rule_set, results, logs))
         found.append(RankSensitivity(knob, tuple(_shifts(knob, ranks))))
@@ -446,13 +489,15 @@ def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | 
     """A run priced by other rules, and measured again where a monitor's number changed."""
     if isinstance(result, ScoreError):
         return result
-    if knob.check:
+    if knob.measured:
         # `reprice` looks for each check with the parameters of the new rules.
         checks = dict(result.checks)
-        if knob.check in checks:
-            checks[knob.check] = {**checks[knob.check], "with": dict(rules.checks[knob.check].parameters)}
+        for check in set(knob.measured) & set(checks):
+            checks[check] = {**checks[check], "with": dict(rules.checks[check].parameters)}
         # A stored run among logs cannot be measured again: its findings stay.
-        measured = result.measured if log is None else log.measure_again(result.measured, rules, knob.check)
+        measured = (
+            result.measured if log is None else log.measure_again(result.measured, rules, knob.measured)
+        )
         result = replace(result, measured=measured, checks=checks)
     try:
         return reprice(result, rules)

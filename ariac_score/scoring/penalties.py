@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ariac_score.checks.origins import note_origin
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import shipped_data, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
@@ -134,6 +135,7 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     except RuleSetError as error:
         error.file, error.place = error.file or document.file, error.place or document.place(["include", 0])
         raise
+    note_origin(data, GROUP, included[0], Registry())
     charged = [_charged(document, penalty, name, body) for name, body in _checks_of(safety).items()]
     data["parameters"] = _parameters(document, penalty, charged, safety.get("scale", 1))
     data["terms"] = {**data.get("terms", {}), "trial": _terms(document, penalty, charged)}

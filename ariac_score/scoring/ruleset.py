@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import keyword
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -20,8 +20,8 @@ import yaml
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_of
 from ariac_score.documents.given import path_of
-from ariac_score.documents.schema import schema, validate
-from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
+from ariac_score.documents.schema import validate
+from ariac_score.documents.yaml import YamlDocument, parse_yaml
 from ariac_score.errors import (
     FormulaError,
     LocalPluginError,
@@ -34,6 +34,16 @@ from ariac_score.errors import (
 )
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.extending import (
+    COMPETITIONS,
+    LAYOUTS,
+    competitions_with,
+    expanded_document,
+    path_of_rule_set,
+    rule_set_names,
+    unknown_keys,
+    written_document,
+)
 from ariac_score.scoring.levels import (
     TRIAL,
     check_levels,
@@ -41,6 +51,14 @@ from ariac_score.scoring.levels import (
     facts_as_written,
     no_such_level,
     other_name,
+)
+from ariac_score.scoring.named import (
+    NamedParameter,
+    groups_of,
+    named_parameters,
+    references,
+    with_values,
+    without_numbers,
 )
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
@@ -61,17 +79,7 @@ __all__ = [
     "rule_set_names",
 ]
 
-TEXT_FILES = (".rml",)
-"""A parameter that names a file ending so stands for its text."""
-
-MAX_TEXT_BYTES = 1_000_000
-MAX_EXTENDS = 8
-"""Rule sets that may extend each other in a row."""
-
-_LAYOUTS = "layouts"
-_COMPETITIONS = "ariac_score.competitions"
 _SCORE = "score"
-GROUP = "ariac_score.rule_sets"
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,7 @@ class Check:
         group: Entry-point group: rules, monitors or competitions.
         parameters: Its `with:` block.
         on_inconclusive: What an undecided finding means for the score.
+        named: Which of its parameters are those of the rule set, by the name of each in both.
         place: Line and path of the check in its file, by parameter name.
     """
 
@@ -92,6 +101,7 @@ class Check:
     group: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     on_inconclusive: str = "withhold"
+    named: Mapping[str, str] = field(default_factory=dict)
     place: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -151,6 +161,7 @@ class RuleSet:
         differs: How it differs from another rule set, as in the file; `None` when it does not say.
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
+        parameters: The numbers that it gives a name, with unit and meaning, in the order of the file.
         given: The checks that were given in Python, by name.
     """
 
@@ -171,6 +182,7 @@ class RuleSet:
     differs: Differences | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
     given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -227,9 +239,24 @@ class RuleSet:
             RuleSetError: A plugin refuses its parameters.
         """
         return {
-            name: _built(check, self.file, partial(self.plugin, name, registry))
+            name: _built(check, self.file, partial(self._plugin_in_its_units, name, registry))
             for name, check in self.checks.items()
         }
+
+    def _plugin_in_its_units(self, name: str, registry: Registry) -> Plugin:
+        """The plugin of a check, once the named parameters that it takes are in the units it declares."""
+        plugin, check = self.plugin(name, registry), self.checks[name]
+        declared = parameters_of(plugin.load()) if check.named else {}
+        for parameter, named in check.named.items():
+            wanted = declared[parameter].facts.unit if parameter in declared else ""
+            if named in self.parameters and wanted and self.parameters[named].unit != wanted:
+                value, unit, _ = self.parameters[named]
+                raise RuleSetError(
+                    f"{parameter!r} of {check.use} is in {wanted}, the parameter {named!r} in {unit}",
+                    place=check.place.get(parameter, parameter),
+                    hint=f"write '{value:g} {wanted}'" if unit == "1" else f"write its number in {wanted}",
+                )
+        return plugin
 
     def build_competition(self, registry: Registry) -> Any | None:
         """The plugin of the competition it names, built with its parameters; `None` when it names none.
@@ -273,8 +300,9 @@ class RuleSet:
                 )
             set_number(data, str(name), value, file=self.file)
         changed = self._again(data, self.given)
-        for name in {str(name).partition(".")[0] for name in (*values, *more)} & set(changed.checks):
-            changed._refuse_parameters(name)
+        for name, check in changed.checks.items():  # a named number may stand in the parameters of several
+            if check.parameters != self.checks[name].parameters:
+                changed._refuse_parameters(name)
         return changed
 
     def _refuse_parameters(self, name: str) -> None:
@@ -345,11 +373,6 @@ def _locate(error: ScoreError, check: Check, file: str) -> None:
     error.place = error.place or check.place.get("use", check.name)
 
 
-def rule_set_names(registry: Registry | None = None) -> list[str]:
-    """The installed rule sets."""
-    return sorted({file.name for file in (registry or Registry()).files(GROUP)})
-
-
 def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
     """Every installed rule set that can be used; what is wrong with another one stops only what names it."""
     found: list[RuleSet] = []
@@ -376,10 +399,42 @@ def load_rule_set(name: str | os.PathLike[str], registry: Registry | None = None
     """
     registry = registry or Registry()
     if isinstance(name, str):
-        path = _path_of(name, Path(), registry)
+        path = path_of_rule_set(name, Path(), registry)
     else:
         path = path_of(name, "the name or path of a rule set")
-    return _parsed(_declared(with_penalty(_expanded(path, (), registry)), registry))
+    document = expanded_document(path, (), registry)
+    whole = _declared(with_penalty(document), registry)
+    rule_set = _parsed(whole)
+    unused = _unused(rule_set)
+    _refuse_own(unused, document)
+    # What is inherited and no longer used says nothing about these rules; as their own it would be refused.
+    left = [name for name in unused if name in named_parameters(document.data.get("parameters", {}))]
+    if left:
+        stated = without_numbers(whole.data["parameters"], left)
+        rule_set = _parsed(replace(whole, data={**whole.data, "parameters": stated}))
+    return rule_set
+
+
+def _unused(rule_set: RuleSet) -> list[str]:
+    """The named parameters that no formula and no check names."""
+    used = rule_set.sheet.parameters_named(
+        item.formula for item in rule_set.printed.items if item.formula is not None
+    ) | {name for check in rule_set.checks.values() for name in check.named.values()}
+    return [name for name in rule_set.parameters if name not in used and name.partition(".")[0] not in used]
+
+
+def _refuse_own(unused: Iterable[str], document: YamlDocument) -> None:
+    """Refuse a parameter that the file itself states, and nothing uses: most often it is misspelt."""
+    for name in unused:
+        path = ("parameters", *name.split("."))
+        if path in document.lines:
+            others = [one for one in named_parameters(document.data["parameters"]) if one != name]
+            raise RuleSetError(
+                f"no formula and no check uses the parameter {name!r}",
+                file=document.file,
+                place=document.place(path),
+                hint=f"{did_you_mean(name, others, what='others')}; otherwise take it out",
+            )
 
 
 def rule_set_from_text(text: str, *, file: str) -> RuleSet:
@@ -423,44 +478,11 @@ def _of_today(document: YamlDocument) -> YamlDocument:
 
 def _with_competition(document: YamlDocument) -> YamlDocument:
     """With the competition named whose parameters stood at the top of the rules."""
-    for key, value in _unknown_keys(document).items():
-        for name in _competitions_with(key, Registry()):
+    for key, value in unknown_keys(document).items():
+        for name in competitions_with(key, Registry()):
             kept = {k: v for k, v in document.data.items() if k != key}
             return replace(document, data={**kept, "competition": {"use": name, "with": {key: value}}})
     return document
-
-
-def _refuse_its_parameters(document: YamlDocument, registry: Registry | None = None) -> None:
-    """Refuse a parameter of the competition at the top of a rule set, and say where it belongs.
-
-    Raises:
-        RuleSetError: Naming the key and the line to write.
-    """
-    for key, value in _unknown_keys(document).items():
-        for name in _competitions_with(key, registry or Registry()):
-            raise RuleSetError(
-                f"{key!r} is a parameter of the competition",
-                file=document.file,
-                place=document.place([key]),
-                hint=f"write 'competition: {{use: {name}, with: {{{key}: {value}}}}}'",
-            )
-
-
-def _unknown_keys(document: YamlDocument) -> dict[str, Any]:
-    data = document.data if isinstance(document.data, Mapping) else {}
-    return {str(key): value for key, value in data.items() if key not in schema("ruleset")["properties"]}
-
-
-def _competitions_with(parameter: str, registry: Registry) -> list[str]:
-    """The installed competitions that have a parameter of that name."""
-    return [plugin.name for plugin in registry.all(_COMPETITIONS) if parameter in _parameters_if_any(plugin)]
-
-
-def _parameters_if_any(plugin: Plugin) -> Mapping[str, Any]:
-    try:
-        return parameters_of(plugin.load())
-    except (PluginError, NameError, TypeError, AttributeError):  # broken: whoever uses it is told so
-        return {}
 
 
 def draft_rule_set(text: str, *, file: str) -> RuleSet:
@@ -470,159 +492,15 @@ def draft_rule_set(text: str, *, file: str) -> RuleSet:
         RuleSetError: It is not the text of a rule set, or its penalty does not fit.
         FormulaError: A formula cannot be parsed or names something unknown.
     """
-    return _parsed(_declared(with_penalty(_from_text(text, file))))
-
-
-def _from_text(text: str, file: str) -> YamlDocument:
-    document = parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError)
-    _refuse_its_parameters(document)
-    validate(document, "ruleset", error=RuleSetError)
-    return document
+    document = written_document(text, file=file)
+    rule_set = _parsed(_declared(with_penalty(document)))
+    _refuse_own(_unused(rule_set), document)
+    return rule_set
 
 
 def expanded_yaml(rule_set: RuleSet) -> str:
     """The rule set as it is after `extends` and `include`, as YAML."""
     return rule_set.text
-
-
-def _path_of(name: str, folder: Path, registry: Registry) -> Path:
-    """The file of a rule set, by name or by path relative to a folder."""
-    if name.endswith((".yaml", ".yml")) or "/" in name:
-        return folder / name
-    try:
-        return registry.file(GROUP, name).path
-    except PluginNotFoundError:
-        known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
-        files = (f"{name}{end}" for end in (".yaml", ".yml"))
-        beside = next((file for file in files if (folder / file).is_file()), "")
-        known += "; a path to a .yaml file works too"
-        hint = f"did you mean the file {beside!r}?" if beside else known
-        raise UsageError(f"there is no rule set {name!r}", hint=hint) from None
-
-
-def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
-    """A rule set file with what it extends merged in, checked against the schema."""
-    document = load_yaml(path, error=RuleSetError)
-    _refuse_its_parameters(document)
-    validate(document, "ruleset", error=RuleSetError)
-    document = _with_texts(document)  # before merging: names of files are relative to this file's folder
-    base_name = document.data.pop("extends", None)
-    if base_name is None:
-        return document
-    place = document.place(["extends"])
-    if path.resolve() in below or len(below) >= MAX_EXTENDS:
-        raise RuleSetError(
-            "rule sets extend each other in a circle",
-            file=path,
-            place=place,
-            hint="one must stand alone",
-        )
-    try:
-        base = _expanded(_path_of(base_name, path.parent, registry), (*below, path.resolve()), registry)
-    except UsageError as error:
-        raise RuleSetError(error.cause, file=path, place=place, hint=error.hint) from error
-    _refuse_local_of_elsewhere(base, document)
-    base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
-    base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
-    # The hash covers the base, or an edit there would change scores under an unchanged hash.
-    both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
-    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
-
-
-def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> None:
-    """Refuse to inherit a check in a file from another folder, for its name is relative to that folder."""
-    if Path(base.file).parent.resolve() == Path(document.file).parent.resolve():
-        return
-    for key in ("rules", "monitors"):
-        for name, body in base.data.get(key, {}).items():
-            replaced = any(name in document.data.get(own, {}) for own in ("rules", "monitors"))
-            if is_local(body["use"]) and not replaced:
-                raise RuleSetError(
-                    f"the check {name!r} that it inherits is in the file {body['use']!r} of another folder",
-                    file=document.file,
-                    place=document.place(["extends"]),
-                    hint="keep both rule sets in one folder, or grow the file: ariac-score new distribution",
-                )
-
-
-def _with_texts(document: YamlDocument) -> YamlDocument:
-    """The document with the text of every file that a parameter names, in its place and in the hash.
-
-    So the file counts as part of the rule set: a result holds it, and changes with it.
-    """
-    sha256 = document.sha256
-    for key in ("rules", "monitors"):
-        for name, body in document.data.get(key, {}).items():
-            for parameter, value in body.get("with", {}).items():
-                if isinstance(value, str) and _is_text_file(value):
-                    text = _text_of(document, (key, name, "with", parameter), value.strip())
-                    body["with"][parameter] = text
-                    own = hashlib.sha256(text.encode("utf-8")).hexdigest()
-                    sha256 = hashlib.sha256(f"{sha256} reads {own}".encode()).hexdigest()
-    return replace(document, sha256=sha256)
-
-
-def _is_text_file(value: str) -> bool:
-    # The parameter may also hold the specification itself, which has a `;` or several lines.
-    return value.strip().endswith(TEXT_FILES) and "\n" not in value.strip() and ";" not in value
-
-
-def _text_of(document: YamlDocument, place: Sequence[str], name: str) -> str:
-    """The text of a file named relative to the folder of the rule set.
-
-    Raises:
-        RuleSetError: It cannot be read, is too large, or is no UTF-8 text.
-    """
-    path = Path(document.file).parent / name
-    try:
-        return read_text(path, error=RuleSetError, max_bytes=MAX_TEXT_BYTES).decode("utf-8-sig")
-    except (RuleSetError, UnicodeDecodeError) as error:
-        cause = error.cause if isinstance(error, RuleSetError) else "not UTF-8 text"
-        raise RuleSetError(
-            f"the file {name!r}, which a parameter names: {cause}",
-            file=document.file,
-            place=document.place(list(place)),
-            hint=f"paths are relative to the folder of the rule set; {str(path)!r} was looked for",
-        ) from error
-
-
-def _named_from(file: Path, base: str, name: str) -> str:
-    """A name in the file of a base, usable from a rule set that extends it: a path starts from its folder."""
-    if not name.endswith((".yaml", ".yml")) or Path(name).is_absolute():
-        return name
-    return os.path.relpath(Path(base).parent / name, file.parent)
-
-
-def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """The base with what is new or changed; a check moved between rules and monitors moves."""
-    # `differs` and `breaks` are statements about the base alone; the new rules may not fit them.
-    merged = {**{key: value for key, value in base.items() if key not in ("differs", "breaks")}, **own}
-    merged["notes"] = [*base.get("notes", []), *own.get("notes", [])]
-    for key in ("parameters", "rules", "monitors", "cohort"):
-        merged[key] = {**base.get(key, {}), **own.get(key, {})}
-    for key in ("safety", "ranges"):
-        if key in base or key in own:
-            merged[key] = {**base.get(key, {}), **own.get(key, {})}
-    if not merged.get("include"):
-        merged.pop("include", None)
-    for key, other in (("rules", "monitors"), ("monitors", "rules")):
-        for name in own.get(key, {}):
-            if name not in own.get(other, {}):
-                merged[other].pop(name, None)
-    merged["terms"] = _merged_levels(base, own, "terms")
-    for key in ("printed", "adds_up", "facts"):
-        if key in merged:
-            merged[key] = _merged_levels(base, own, key)
-    if "layouts" in own.get("printed", {}):  # replaced whole: other rules have other texts
-        merged["printed"]["layouts"] = own["printed"]["layouts"]
-    return merged
-
-
-def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """What is named for each level, the base's with what is new or changed."""
-    first, second = base.get(key, {}), own.get(key, {})
-    levels = dict.fromkeys(level for level in (*first, *second) if level != _LAYOUTS)
-    return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
 
 
 def _declared(document: YamlDocument, registry: Registry | None = None) -> YamlDocument:
@@ -668,9 +546,11 @@ def _of_competition(
 
 def _parsed(document: YamlDocument) -> RuleSet:
     data = document.data
-    checks = _checks(document)
+    parameters = _parameters(document)
+    checks = _checks(document, parameters)
+    _refuse_shadowing(document, parameters, checks)
     try:
-        sheet = _sheet(data, checks)
+        sheet = _sheet(data, checks, parameters)
         printed = _printed_text(data, sheet)
     except FormulaError as error:
         error.file = document.file
@@ -692,13 +572,47 @@ def _parsed(document: YamlDocument) -> RuleSet:
         ranking=data.get("ranking", {}),
         competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
-        ranges=_ranges(document, checks),
+        ranges=_ranges(document, checks, parameters),
         breaks=data.get("breaks", {}),
+        parameters=parameters,
         printed=printed,
     )
 
 
-def _checks(document: YamlDocument) -> dict[str, Check]:
+def _parameters(document: YamlDocument) -> dict[str, NamedParameter]:
+    stated = document.data.get("parameters", {})
+    for name, body in stated.items():
+        inner = body if isinstance(body, Mapping) else {}
+        for path in ([name], *([name, one] for one in inner)):
+            if (body if len(path) == 1 else inner[path[1]]) is None:
+                raise RuleSetError(
+                    f"there is no parameter {'.'.join(path)!r} to take away",
+                    file=document.file,
+                    place=document.place(["parameters", *path]),
+                    hint="null takes away a parameter of the rule set that this one extends",
+                )
+    return named_parameters(stated)
+
+
+def _refuse_shadowing(
+    document: YamlDocument, parameters: Mapping[str, NamedParameter], checks: Mapping[str, Check]
+) -> None:
+    """Refuse a group of parameters whose name means something else before a point."""
+    taken = {
+        **dict.fromkeys(checks, "check"),
+        **dict.fromkeys(("cohort", "runs"), "kind of value across runs"),
+    }
+    for group in groups_of(parameters):
+        if group in taken:
+            raise RuleSetError(
+                f"the group of parameters {group!r} is also the name of a {taken[group]}",
+                file=document.file,
+                place=document.place(["parameters", group]),
+                hint="each name must be one thing: give the group another one",
+            )
+
+
+def _checks(document: YamlDocument, parameters: Mapping[str, NamedParameter]) -> dict[str, Check]:
     """Rules and monitors, by name."""
     checks: dict[str, Check] = {}
     for key in ("rules", "monitors"):
@@ -711,7 +625,7 @@ def _checks(document: YamlDocument) -> dict[str, Check]:
                     hint="formulas use these names: each must be one thing",
                 )
             _refuse_reserved(document, key, name)
-            checks[name] = _check(document, key, name, body)
+            checks[name] = _check(document, key, name, body, parameters)
     return checks
 
 
@@ -735,10 +649,12 @@ def _competition(document: YamlDocument) -> Check | None:
     parameters = body.get("with", {})
     places = {name: document.place(["competition", "with", name]) for name in parameters}
     places |= {"use": document.place(["competition", "use"]), "": document.place(["competition"])}
-    return Check("competition", body["use"], _COMPETITIONS, parameters, place=places)
+    return Check("competition", body["use"], COMPETITIONS, parameters, place=places)
 
 
-def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
+def _sheet(
+    data: Mapping[str, Any], checks: Mapping[str, Check], parameters: Mapping[str, NamedParameter]
+) -> ScoreSheet:
     """The formulas of a rule set, with the names they may use."""
     return ScoreSheet(
         terms={
@@ -750,7 +666,7 @@ def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
         },
         score=Expression.parse(data["score"], where="$.score", texts=True),
         checks=frozenset(checks),
-        parameters=data.get("parameters", {}),
+        parameters={name: one.value for name, one in parameters.items()},
         cohort={name: _cohort_term(name, body) for name, body in data.get("cohort", {}).items()},
         task=Expression.parse(data["task"], where="$.task", texts=True) if "task" in data else None,
         levels=tuple(data["levels"]),
@@ -761,12 +677,12 @@ def _sheet(data: Mapping[str, Any], checks: Mapping[str, Check]) -> ScoreSheet:
 def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
     for key in ("printed", "adds_up"):
         for level in data.get(key, {}):
-            if level not in (*sheet.levels, _LAYOUTS):
+            if level not in (*sheet.levels, LAYOUTS):
                 raise no_such_level(level, sheet.levels, place=f"$.{key}.{level}", where=key)
     items = [
         _printed_item(name, level, body, sheet)
         for level, named in data.get("printed", {}).items()
-        if level != _LAYOUTS
+        if level != LAYOUTS
         for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
@@ -783,7 +699,7 @@ def _printed_text(data: Mapping[str, Any], sheet: ScoreSheet) -> PrintedText:
         for name, bodies in named.items()
         for body in _one_or_more(bodies)
     ]
-    layouts = tuple(data.get("printed", {}).get(_LAYOUTS, ()))
+    layouts = tuple(data.get("printed", {}).get(LAYOUTS, ()))
     return PrintedText(layouts, tuple(items), tuple(sums), sheet.levels)
 
 
@@ -825,14 +741,15 @@ def _differs(stated: Mapping[str, Any]) -> Differences:
     )
 
 
-def _ranges(document: YamlDocument, checks: Mapping[str, Check]) -> dict[str, tuple[float, float]]:
+def _ranges(
+    document: YamlDocument, checks: Mapping[str, Check], parameters: Mapping[str, NamedParameter]
+) -> dict[str, tuple[float, float]]:
     ranges = {}
-    parameters = document.data.get("parameters", {})
     for name, (low, high) in document.data.get("ranges", {}).items():
         place = document.place(["ranges", name])
         check, dot, _ = name.partition(".")  # `check.parameter`, or a parameter of the formulas
         known: Iterable[str] = checks if dot else parameters
-        if (check if dot else name) not in known:
+        if name not in parameters and (check if dot else name) not in known:
             what = "check" if dot else "parameter"
             raise RuleSetError(
                 f"a range is given for {name!r}, but there is no such {what}",
@@ -863,15 +780,36 @@ def _cohort_term(name: str, body: Mapping[str, Any]) -> CohortTerm:
     )
 
 
-def _check(document: YamlDocument, key: str, name: str, body: dict[str, Any]) -> Check:
-    parameters = body.get("with", {})
-    places = {p: document.place([key, name, "with", p]) for p in parameters}
+def _check(
+    document: YamlDocument,
+    key: str,
+    name: str,
+    body: dict[str, Any],
+    parameters: Mapping[str, NamedParameter],
+) -> Check:
+    if "use" not in body:
+        raise RuleSetError(
+            f"key 'use' is missing, and there is no check {name!r} to change",
+            file=document.file,
+            place=document.place([key, name]),
+            hint="add 'use'; without it a check changes the one of that name in what is extended",
+        )
+    stated = body.get("with", {})
+    given = {}
+    for parameter, value in stated.items():
+        try:
+            given[parameter] = with_values(value, parameters)
+        except RuleSetError as error:
+            error.file, error.place = document.file, document.place([key, name, "with", parameter])
+            raise
+    places = {p: document.place([key, name, "with", p]) for p in given}
     return Check(
         name=name,
         use=body["use"],
         group=f"ariac_score.{key}",
-        parameters=parameters,
+        parameters=given,
         on_inconclusive=body.get("on_inconclusive", "withhold"),
+        named={parameter: named for parameter, value in stated.items() for named in references(value)},
         place={**places, "use": document.place([key, name, "use"]), "": document.place([key, name])},
     )
 

@@ -227,6 +227,15 @@ class ScoreSheet:
                 elif isinstance(call, ast.Call) and _is_call_of(call, "demerits"):
                     yield "demerits", text_of(call.args[0]), _DEPTH, formula
 
+    def parameters_named(self, others: Iterable[Expression] = ()) -> frozenset[str]:
+        """The parameters that any formula names, of the sheet or of `others`."""
+        formulas = [self.score, *([self.task] if self.task else []), *others]
+        formulas += [formula for term in self.cohort.values() for formula in term.formulas]
+        formulas += [formula for named in self.terms.values() for formula in named.values()]
+        return frozenset(name for each in formulas for name in _names(each, self.checks)) & set(
+            self.parameters
+        )
+
     def checks_in(self, formula: Expression, level: str = "trial") -> frozenset[str]:
         """The checks a formula depends on, itself or through the terms it names."""
         reached = [self.terms[at][name] for at, name in self._reached(formula, level) if at != _COHORT]
@@ -358,7 +367,7 @@ class ScoreSheet:
 
     def _validate_levels(self) -> None:
         """Levels that formulas can name, and nothing declared for any other."""
-        taken = {**RESERVED, "parameter": self.parameters}
+        taken = {**RESERVED, "parameter": {name.partition(".")[0] for name in self.parameters}}
         check_levels(self.levels, taken)
         stated = {"terms": self.terms, "facts": self.facts}
         for key, levels in stated.items():
@@ -379,7 +388,8 @@ class ScoreSheet:
 
     def _validate_term(self, name: str, formula: Expression, level: str) -> None:
         """A term may not hide behind a parameter or a fact of the same name, which would win."""
-        for kind, names in (("parameter", self.parameters), (f"fact of each {level}", self.facts_of(level))):
+        named = {*self.parameters, *(one.partition(".")[0] for one in self.parameters)}
+        for kind, names in (("parameter", named), (f"fact of each {level}", self.facts_of(level))):
             if name in names:
                 raise FormulaError(
                     f"term {name!r} is also the name of a {kind}",
@@ -507,24 +517,27 @@ class ScoreSheet:
         if call.args or not named:
             raise _wrong_arguments("charged", ast.unparse(call), formula.where)
 
+    def _behind(self, prefix: str, level: str, known: Sequence[str]) -> list[str] | None:
+        """The names that may follow a prefix at a level; `None` where nothing has that prefix."""
+        # What may be named is above in the file (so no term rests on itself), or further in.
+        if prefix == _RUNS:
+            return [*known] if level == TRIAL else []
+        if prefix == _COHORT:
+            return [n for n, t in self.cohort.items() if self._depth(t.level) >= self._depth(level)]
+        if not prefix:
+            return [*known, *self.parameters]
+        if prefix == level:
+            return [*known, *self.facts_of(level)]
+        if prefix in self.levels:
+            inner = self.terms.get(prefix, {}) if self._depth(prefix) < self._depth(level) else {}
+            return [*inner, *self.facts_of(prefix)]
+        group = [name.removeprefix(f"{prefix}.") for name in self.parameters if name.startswith(f"{prefix}.")]
+        return group if group or prefix in self.checks else None
+
     def _validate_name(self, formula: Expression, dotted: str, level: str, known: Sequence[str]) -> None:
         prefix, _, name = dotted.rpartition(".")
-        # What may be named is above in the file (so no term rests on itself), or further in.
-        if prefix == _RUNS and level == "trial":
-            names = [*known]
-        elif prefix == _COHORT:
-            names = [n for n, t in self.cohort.items() if self._depth(t.level) >= self._depth(level)]
-        elif not prefix:
-            names = [*known, *self.parameters]
-        elif prefix == level:
-            names = [*known, *self.facts_of(level)]
-        elif prefix in self.levels and self._depth(prefix) < self._depth(level):
-            names = [*self.terms.get(prefix, {}), *self.facts_of(prefix)]
-        elif prefix in self.levels:
-            names = [*self.facts_of(prefix)]
-        elif prefix in (_RUNS, *self.checks):
-            names = []
-        else:
+        names = self._behind(prefix, level, known)
+        if names is None:
             where = f"unknown name {dotted!r}"
             raise no_such_level(prefix, self.levels, place=formula.where, where=where)
         if name not in names:
@@ -606,8 +619,8 @@ class ScopeNames:
         """The value of a name, as `Environment` has it."""
         prefix, _, name = dotted.rpartition(".")
         sheet = self.pricing.sheet
-        if not prefix and name in sheet.parameters:
-            return Traced(name, sheet.parameters[name], "parameter")
+        if dotted in sheet.parameters:
+            return Traced(dotted, sheet.parameters[dotted], "parameter")
         if prefix == _COHORT:
             return self._across_teams(name, dotted)
         if prefix == _RUNS:

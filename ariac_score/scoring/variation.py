@@ -11,6 +11,7 @@ import numpy as np
 
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.errors import RuleSetError, UsageError, did_you_mean
+from ariac_score.scoring.named import named_parameters, with_number
 
 __all__ = ["given_monitor", "set_number"]
 
@@ -23,7 +24,7 @@ def set_number(data: dict[str, Any], name: str, value: Any, *, file: str) -> Non
 
     Args:
         data: Changed in place.
-        name: A parameter of the formulas, or `check.parameter`.
+        name: A named parameter, such as `points.right_type`, or `check.parameter`.
         value: The new value.
         file: Of the rule set, for errors.
 
@@ -39,9 +40,10 @@ def set_number(data: dict[str, Any], name: str, value: Any, *, file: str) -> Non
         )
     value = plain
     check, dot, parameter = str(name).partition(".")
-    known = data.get("parameters", {})
-    if not dot and name in known:
-        known[name] = value
+    stated = data.get("parameters", {})
+    changed = with_number(stated, str(name), value)
+    if changed is not None:
+        data["parameters"] = changed
         return
     for section in ("rules", "monitors"):
         if dot and check in data.get(section, {}):
@@ -50,7 +52,7 @@ def set_number(data: dict[str, Any], name: str, value: Any, *, file: str) -> Non
     raise RuleSetError(
         f"the rule set has no parameter {name!r}",
         file=file,
-        hint=did_you_mean(name, [*known, *_numbers_of_checks(data)], what="it has"),
+        hint=did_you_mean(name, [*named_parameters(stated), *_numbers_of_checks(data)], what="it has"),
     )
 
 

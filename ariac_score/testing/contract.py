@@ -12,15 +12,16 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule
+from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule, SignalNeed
 from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
@@ -331,28 +332,58 @@ class _Checked:
         Returns:
             Which verdict was never seen; empty when both were.
         """
+        needs = needs_of(self.plugin, "contract", self.check)
         seen: dict[Verdict, Trial | None] = {
             verdict: None for verdict in _DECIDED if any(f.verdict is verdict for f in self.findings)
         }
-        needs = needs_of(self.plugin, "contract", self.check)
         tried = 1
-        for trial in forced_trials(self.check, needs, self._trial) if isinstance(self.check, Monitor) else ():
+        for trial in self._decisive_trials(needs):
             if len(seen) == len(_DECIDED):
                 break
             tried += 1
-            for verdict in {finding.verdict for finding in self.ask(self._derive(trial))} - seen.keys():
+            for verdict in {finding.verdict for finding in self.ask(trial)} - seen.keys():
                 if verdict in _DECIDED:
                     seen[verdict] = trial
         for verdict, made in seen.items():
             if made is not None:
                 self._alike_in(made, verdict)
         unseen = [verdict.value for verdict in _DECIDED if verdict not in seen]
-        if len(unseen) == len(_DECIDED) and needs:
+        if not seen and (example := self._as_example()) is not None:
+            # What must be told its limits decides nothing without them, and says so.
+            rest = example.decides()
+            return f"as it is built it decides nothing; as its 'example' {rest or 'it decides both ways'}"
+        if not seen and needs:
             raise self.broken(
                 f"was neither satisfied nor violated in {tried} trials, with what it needs low, high, "
-                "sweeping, noisy and with a gap: nothing shows that it decides anything"
+                "sweeping, noisy and with a gap: nothing shows that it decides anything; bring trials in "
+                "which it does, as 'example_trials'"
             )
         return f"it was never {' nor '.join(unseen)} in {_trials(tried)}" if unseen else ""
+
+    def _decisive_trials(self, needs: Sequence[SignalNeed]) -> Iterator[Trial]:
+        """Trials in which it may decide: those that it brings, then those made for any monitor."""
+        bring = getattr(self.check, "example_trials", None)
+        if bring is not None:
+            try:
+                brought = list(bring(self._given))
+            except (Exception, SystemExit) as cause:
+                raise self.broken(f"raised {type(cause).__name__} in 'example_trials': {cause}") from cause
+            for trial in brought:
+                if not isinstance(trial, Trial):
+                    raise self.broken(f"brings a {type(trial).__name__} as an example instead of a Trial")
+                yield self._derive(trial)
+        # A rule that repeats an official score needs no trial made for it.
+        if not getattr(self.check, "reads_official", False):
+            yield from map(self._derive, forced_trials(self.check, needs, self._trial))
+
+    def _as_example(self) -> _Checked | None:
+        """The plugin with the parameters that its class names as its example, if these are others."""
+        kind = type(self.check)
+        declared = getattr(kind, "example", None)
+        if not isinstance(declared, Mapping):
+            return None
+        example = GivenPlugin.of(kind, self.plugin.group).build(declared)
+        return None if example == self.check else _Checked(example, self._given, self.budget_s)
 
     def _alike_in(self, trial: Trial, verdict: Verdict) -> None:
         """The checks of pure calls, on a trial in which it decides."""

@@ -273,6 +273,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
         records=_records(parts),
+        read_with=frozenset(point for p in parts for point in p.read_with),
     )
     join = getattr(competition, "join", None)
     merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)

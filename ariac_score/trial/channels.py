@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -171,6 +171,7 @@ class LogMap:
         sha256: Hash of the file it came from; empty for one made in memory.
         file: The file it came from, for error messages.
         facts: Of every trial that it reads; `None`: known to be absent.
+        rests_on: Installed files of other distributions that it extends: names by the last word of the group.
     """
 
     id: str
@@ -186,6 +187,7 @@ class LogMap:
     sha256: str = ""
     file: str = field(default="", compare=False)
     facts: Mapping[str, Fact] = field(default_factory=dict)
+    rests_on: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def filled(self, facts: Mapping[str, Fact]) -> LogMap:
         """The map with `{name}` in names of frames, models, topics and fields filled from facts of a trial.

@@ -252,6 +252,7 @@ class Trial:
         facts: What a configuration or an official record states of the trial, by name, such as
             `time_limit_s`; `None`: known to be absent; what is not stated has no entry.
         records: What the readers of a competition keep for its own checks; the core never looks inside.
+        read_with: The entry points, as group and name, that its readers asked for help; a result names them.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -273,6 +274,7 @@ class Trial:
     facts: Mapping[str, Fact] = field(default_factory=lambda: FrozenMap({}))
     records: tuple[Record, ...] = ()
     as_consumed: Mapping[str, Series] = field(default_factory=lambda: FrozenMap({}))
+    read_with: frozenset[tuple[str, str]] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))

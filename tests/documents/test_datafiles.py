@@ -335,7 +335,6 @@ def test_a_document_that_keeps_its_schema_has_no_faults() -> None:
             "unknown key 'wiht'",
             "'with'",
         ),
-        ({"rules": {"a": {}}}, ("rules", "a"), "key 'use' is missing", "add 'use'"),
         (
             {"rules": {"a": {"use": "a.b", "on_inconclusive": "zeros"}}},
             ("rules", "a", "on_inconclusive"),

@@ -216,6 +216,41 @@ def test_a_batch_that_is_sent_the_rules_as_text_names_the_same_origin(cup: str) 
     assert {distribution for distribution, *_ in code_of(direct)} == {"ariac-score", "cup-score"}
 
 
+PENALTY_OF_CUP = "include: [cup.mild]\nsafety: {calm: {class: limit}}\n"
+
+
+@pytest.mark.parametrize(
+    ("rules", "brought"),
+    [
+        ("title: Extended\nextends: cup\nlog_map: ariac2020\n", "cup-score"),
+        ("title: Twice\nextends: derby\nlog_map: ariac2020\n", "cup-score derby-score"),
+        (CUP.replace("log_map: cup", "log_map: ariac2020") + PENALTY_OF_CUP, "cup-score"),
+        (CUP.replace("log_map: cup", "log_map: ./map.yaml"), "cup-score"),
+        (CUP.replace("log_map: cup", "log_map: ariac2020"), ""),
+    ],
+)
+def test_what_a_rule_set_of_ones_own_is_made_of_stands_in_the_result_and_where_it_is_sent_as_text(
+    install: Install, cup: str, log: Path, tmp_path: Path, rules: str, brought: str
+) -> None:
+    text = "{id: derby, title: Derby, source: ours, extends: cup.finals}"
+    install("derby-score", {"derby": "derby"}, group=SETS, files={"derby.yaml": text})
+    (tmp_path / "map.yaml").write_text("{id: m, title: Map, source: ours, extends: cup}", encoding="utf-8")
+    own = tmp_path / "own.yaml"
+    body = rules.removeprefix("id: cup\n").replace("source: our rules, page 1\n", "")
+    own.write_text(f"id: own\nsource: ours\n{body}", encoding="utf-8")
+
+    result = score_trial(log, own)
+
+    assert sorted(distribution for distribution, *_ in foreign(result)) == brought.split()
+    sent = BatchSetting.of(load_rule_set(own), Limits()).rule_set()
+    assert foreign(score_trial(log, sent)) == foreign(result)
+    stored = tmp_path / "result.json"
+    stored.write_text(as_json(result), encoding="utf-8")
+    if "./map.yaml" not in rules:  # the rules in the result name it, and lie in no folder
+        steps = verify_result(stored, log=log).steps
+        assert {step.name: step.outcome for step in steps}["recomputed"] == "ok"
+
+
 def test_a_result_by_a_foreign_rule_set_is_verified_to_the_byte(cup: str, log: Path, tmp_path: Path) -> None:
     stored = tmp_path / "result.json"
     stored.write_text(as_json(score_trial(log, "cup")), encoding="utf-8")

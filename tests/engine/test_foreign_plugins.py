@@ -106,6 +106,33 @@ def test_the_finder_of_kits_is_in_the_provenance(install: Install, log: Path, tm
     assert (found, own) == ({"ariac-score"}, {"ariac-score", "fair-kits"})
 
 
+SPILLS = """
+from ariac_score import Event
+
+class Spill:
+    schema = {"type": "object"}
+
+    def read(self, record, note):
+        return Event(record["at_s"], "spill")
+"""
+
+
+def test_who_reads_a_kind_of_record_stands_in_the_result_of_a_log_that_has_one(
+    install: Install, log: Path, tmp_path: Path
+) -> None:
+    install("tea-cup", {"spill": "Spill"}, source=SPILLS, group="ariac_score.record_kinds")
+    other = tmp_path / "spilled.jsonl"
+    *lines, _ = log.read_text(encoding="utf-8").splitlines()
+    spill, end = '{"record": "spill", "at_s": 3.0}', f'{{"record": "end", "records": {len(lines) + 2}}}'
+    other.write_text("\n".join([*lines, spill, end]), encoding="utf-8")
+
+    without, spilled = (
+        {code.distribution for code in score_trial(one, RULES).provenance.code} for one in (log, other)
+    )
+
+    assert (without, spilled) == ({"ariac-score"}, {"ariac-score", "tea-cup"})
+
+
 @pytest.mark.parametrize("group", [COMPETITIONS, "ariac_score.tracks", "ariac_score.readers"])
 def test_the_address_of_a_measurement_changes_with_the_code_of_what_may_take_part(
     install: Install, tmp_path: Path, group: str

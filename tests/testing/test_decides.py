@@ -5,12 +5,22 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from ariac_score import Finding, MissingSignalError, SignalNeed, Span, Trial, Verdict, parameter
+from ariac_score import (
+    Body,
+    Finding,
+    MissingSignalError,
+    Signal,
+    SignalNeed,
+    Span,
+    Trial,
+    Verdict,
+    parameter,
+)
 from ariac_score.errors import PluginError
 from ariac_score.monitors import Bound, MarginMonitor, Signals, Subjects, bodies, pairs
 from ariac_score.testing import contract_checks
@@ -120,11 +130,138 @@ def test_the_trials_have_an_end_and_what_is_needed_at_the_rate_that_is_needed() 
     trials = list(forced_trials(Battery(), [*Battery().needs()], made_trial()))
 
     assert 5 < len(trials) <= MOST_TRIALS
-    for trial in trials[1:]:
+    for trial in trials[2:]:
         battery = trial.signals["battery/robot"]
         assert (battery.unit, np.isfinite(battery.values).all()) == ("%", True)
-    without_gap = trials[1].signals["battery/robot"]
+    without_gap = trials[2].signals["battery/robot"]
     assert np.diff(without_gap.t).max() <= 0.1
+
+
+@dataclass(frozen=True)
+class Parked:
+    """A link of a cart is where it is wanted when it was asked for: all of it stands in its parameters."""
+
+    kind: str = "cart"
+    link: str = "hook"
+    asked: str = "please_park"
+    place_m: tuple[float, ...] = parameter((3.0, -7.0), unit="m")
+    bay_m: tuple[tuple[float, ...], ...] = parameter((), unit="m")
+
+    def needs(self) -> Iterator[SignalNeed]:
+        yield SignalNeed("position", "m", 0.1)
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        found = False
+        for cart in trial.bodies_of(self.kind):
+            name = f"position/{cart.id}::{self.link}"
+            for event in trial.events_of(self.asked):
+                if name in trial.signals and len(trial.signals[name]) > 2:
+                    found = True
+                    place_m = trial.signals[name].at(np.array([event.t_s]))[0, :2]
+                    left_m = 0.02 - float(np.abs(place_m - self._wanted_m()).max())
+                    yield Finding(cart.id, Verdict.of(left_m), "how near", robustness=left_m, unit="m")
+        if not found:
+            yield Finding.inconclusive("trial", "no cart was asked")
+
+    def _wanted_m(self) -> np.ndarray:
+        return np.mean(self.bay_m, axis=0) if self.bay_m else np.array(self.place_m)
+
+
+@pytest.mark.parametrize("bay", [(), ((10.0, 0.0), (12.0, 0.0), (12.0, 4.0))])
+def test_kinds_links_events_and_places_that_parameters_name_are_tried(bay: Any) -> None:
+    assert check_named(Parked(bay_m=bay)).run() == ""
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """Something never happens: no signal, one kind of event."""
+
+    kind: str = "alarm_bell"
+
+    def needs(self) -> Iterator[SignalNeed]:
+        return iter(())
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        if self.kind not in trial.witnessed:
+            yield Finding.inconclusive("trial", "nobody listened")
+        elif trial.events_of(self.kind):
+            yield Finding.violated("trial", "it rang")
+        else:
+            yield Finding.satisfied("trial", "it never rang")
+
+
+def test_an_event_that_a_parameter_names_happens_in_one_trial_and_not_in_another() -> None:
+    assert check_named(Quiet()).run() == ""
+
+
+@dataclass(frozen=True)
+class Limited(Battery):
+    """Without a limit it decides nothing, and says so."""
+
+    example: ClassVar[Any] = {"least": 30.0}
+    least: float = parameter(-1.0, unit="%")
+
+    def _judged(self, robot: str, margin: float) -> Finding:
+        if self.least < 0:
+            return Finding.inconclusive(robot, "no limit is given")
+        return super()._judged(robot, margin)
+
+
+def test_what_decides_nothing_without_its_limits_is_tried_as_its_example_and_it_is_said() -> None:
+    assert check_named(Limited()).run() == (
+        "as it is built it decides nothing; as its 'example' it decides both ways"
+    )
+
+
+def test_what_decides_nothing_as_its_example_either_is_refused() -> None:
+    class Never(Limited):
+        example: ClassVar[Any] = {"least": -2.0}
+
+    with pytest.raises(PluginError, match="was neither satisfied nor violated"):
+        check_named(Never())()
+
+
+class Secretive(Battery):
+    """It decides only about a robot whose name stands in its code."""
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        if any(body.id == "r2d2" for body in trial.bodies):
+            level = trial.signals["battery/r2d2"].values.min()
+            yield self._judged("r2d2", float(level) - self.least)
+        else:
+            yield Finding.inconclusive("trial", "not here")
+
+
+class Open(Secretive):
+    """The same, and it brings the trials in which it decides."""
+
+    def example_trials(self, made: Trial) -> Iterator[Trial]:
+        t = np.arange(0.0, 5.0, 0.1)
+        for level in (10.0, 30.0):
+            battery = Signal("battery/r2d2", "%", t, np.full(len(t), level))
+            yield replace(made, bodies=(Body("r2d2", "robot"),), signals={battery.name: battery})
+
+
+def test_what_only_its_code_knows_a_plugin_brings_itself() -> None:
+    with pytest.raises(PluginError, match="bring trials in which it does, as 'example_trials'"):
+        check_named(Secretive())()
+
+    assert check_named(Open()).run() == ""
+
+
+@pytest.mark.parametrize(
+    ("brings", "words"),
+    [
+        (lambda _self, made: [made.signals], "brings a FrozenMap as an example instead of a Trial"),
+        (lambda _self, _made: 1 / 0, "raised ZeroDivisionError in 'example_trials'"),
+        (lambda _self, _made: None, "raised TypeError in 'example_trials'"),
+    ],
+)
+def test_a_fault_in_the_trials_that_it_brings_is_named(brings: Any, words: str) -> None:
+    broken = type("Broken", (Secretive,), {"example_trials": brings})
+
+    with pytest.raises(PluginError, match=words):
+        check_named(broken())()
 
 
 def test_they_are_the_same_every_time() -> None:

@@ -63,6 +63,7 @@ def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment
         brief=wording.brief,
         file_name=wording.file_name,
         number=wording.number,
+        points=wording.points,
         seconds=wording.seconds,
         untrusted=wording.untrusted,
     )

@@ -32,9 +32,9 @@ class Worth:
 
 @dataclass(frozen=True)
 class LeafShown:
-    """The innermost: its name, what was asked for, the findings about it, its points."""
+    """The innermost: its path, what was asked for, the findings about it, its points."""
 
-    name: str
+    path: str
     asked: str
     found: tuple[NamedFinding, ...]
     worth: Worth | None
@@ -44,7 +44,7 @@ class LeafShown:
 class InnerShown:
     """An item inside: what was asked for and handed in, what it consists of, the findings about the whole."""
 
-    name: str
+    path: str
     level: str
     asked: str
     brought: tuple[HandedIn, ...]
@@ -116,13 +116,13 @@ def _inner(
     name = item.path.rpartition("/")[2]
     leaves = tuple(_leaves(item))
     return InnerShown(
-        name,
+        item.path,
         item.level,
         asked.get(item.path, ""),
         tuple(one for one in brought if one.item == name),
         tuple(
             LeafShown(
-                leaf.path.removeprefix(f"{item.path}/"),
+                leaf.path,
                 asked.get(leaf.path, ""),
                 tuple(found.get(leaf.path, ())),
                 worth.get(leaf.path),

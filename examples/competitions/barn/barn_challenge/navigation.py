@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from ariac_score import (
+    Body,
+    Event,
     Finding,
     FloatArray,
     Measure,
@@ -44,6 +46,8 @@ class Navigation:
         `run.py` of the BARN Challenge, section 2.
     """
 
+    part_of: ClassVar[str] = "task"
+
     also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
     measures: ClassVar[Mapping[str, Measure]] = {
         "actual_time_s": Measure(
@@ -74,6 +78,22 @@ class Navigation:
             yield Finding.inconclusive(ROBOT, "no log would have shown a collision", span=trial.window)
             return
         yield self._judge(trial, position)
+
+    def example_trials(self, made: Trial) -> Iterator[Trial]:
+        """A run that reaches its goal, and one that collides: where both are is known to this code alone."""
+        t = np.arange(0.0, 20.0, 0.1)
+        y_m = np.clip(START_M[1] + 0.6 * t, START_M[1], GOAL_M[1])
+        place = Signal(
+            f"position/{ROBOT}", "m", t, np.column_stack([np.full(len(t), START_M[0]), y_m, 0.0 * t])
+        )
+        run = replace(
+            made,
+            bodies=(Body(ROBOT, "robot"),),
+            signals={place.name: place},
+            witnessed=made.witnessed | {COLLISION},
+        )
+        yield run
+        yield replace(run, events=tuple(sorted((*run.events, Event(8.0, COLLISION, ROBOT)))))
 
     def _judge(self, trial: Trial, position: Signal) -> Finding:
         t, place_m = position.t, position.values[:, :2]

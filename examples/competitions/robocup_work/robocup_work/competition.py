@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
+
+from ariac_score import Event, Item, Trial
 
 __all__ = ["RoboCupWork"]
 
@@ -39,3 +41,23 @@ class RoboCupWork:
         "task": ("task", "tasks"),
         "trial": ("run", "runs"),
     }
+
+    def made_trial(self) -> Trial:
+        """A run of one task: an object that came to its place, and one that did not. For `plugins check`."""
+        from ariac_score.testing import made_trial  # noqa: PLC0415  # no score needs it
+        from robocup_work.run import KINDS  # noqa: PLC0415
+
+        places = {"source": "WS01", "target": "WS02"}
+        things = Item("M20_1", "object", {"type": "M20", **places}), Item("M30_1", "object", {**places})
+        seen = [("reached", "WS01"), ("grasped", "M20_1"), ("placed", "M20_1", "WS02"), ("lost", "M30_1")]
+        made = made_trial()
+        return replace(
+            made,
+            work=(Item("task_1", "task", places, things, announced_s=1.0),),
+            submissions=(),
+            events=tuple(
+                sorted((*made.events, *(Event(5.0 * k, *what) for k, what in enumerate(seen, start=1))))
+            ),
+            witnessed=made.witnessed | set(KINDS),
+            facts={"test": "BMT", "objects": "real", "time_limit_s": 300.0},
+        )
