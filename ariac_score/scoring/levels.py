@@ -81,7 +81,7 @@ def check_levels(levels: Sequence[str], taken: Mapping[str, Iterable[str]]) -> N
 def other_name(taken: Mapping[str, Iterable[str]]) -> str:
     """What to do about a name that formulas use for something else."""
     names = sorted({name for names in taken.values() for name in names})
-    return f"choose a name that formulas do not use otherwise; they use {', '.join(names)}"
+    return f"each name must be one thing; formulas use {', '.join(names)} already"
 
 
 def no_such_level(level: str, levels: Sequence[str], *, place: str, where: str) -> FormulaError:

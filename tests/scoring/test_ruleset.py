@@ -309,7 +309,13 @@ def test_a_mistake_is_told_with_its_place_its_cause_and_a_remedy(
         ("tau_s=5", "tau=5", "line 21, $.terms.trial.demerits", "wrong arguments", "tau_s"),
         ("(1 + demerits)", "(1 + demerit)", "line 22, $.score", "unknown name 'demerit'", "'demerits'"),
         ("(1 + demerits)", "(1 + demerits", "line 22, $.score", "is not a formula", "formulas have numbers"),
-        ("(1 + demerits)", "open('x')", "line 22, $.score", "a str is not allowed", "formulas have numbers"),
+        (
+            "(1 + demerits)",
+            "open('x')",
+            "line 22, $.score",
+            "a text as a number is not allowed",
+            "compare texts with facts",
+        ),
         (
             "(1 + demerits)",
             "order.__class__",
