@@ -30,7 +30,7 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.installed.points import Point, installed_points, unreadable_hint
 
 __all__ = [
@@ -95,13 +95,15 @@ class Plugin(Point):
         try:
             with quiet(self.origin, deep=True):
                 plugin = kind(**values)
+        except PluginError:
+            raise
         except ValueError as cause:  # what `__post_init__` raises for a number that makes no sense
             raise RuleSetError(
                 f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
             ) from None
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise PluginError(
-                f"cannot be built: {type(cause).__name__}: {cause}",
+                f"cannot be built: {fault_of(cause)}",
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause

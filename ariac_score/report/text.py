@@ -16,6 +16,7 @@ from ariac_score.report.summary import summary_of
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.scope import Scope
@@ -35,6 +36,7 @@ _WIDTH = 64
 _SHOWN = 12
 
 
+@in_own_decimals
 def score_text(result: Result, style: Style | None = None) -> str:
     """The page a team reads: score, how it came about, what cost points and when, what was not judged."""
     style = style or Style()
@@ -148,9 +150,11 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
         yield _ledger_line(shown, style, depth)
-        of_findings = all(child.findings for child in shown.children) and not shown.path.endswith("/taken")
-        if depth < deepest and shown.children and not of_findings:
-            yield from _ledger_lines(shown.children, style, depth=depth + 1, deepest=deepest)
+        inner = shown.children
+        if all(child.findings for child in inner) and not shown.path.endswith("/taken"):
+            inner = tuple(child for child in inner if child.kind == "factor")
+        if depth < deepest and inner:
+            yield from _ledger_lines(inner, style, depth=depth + 1, deepest=deepest)
 
 
 def _worth_showing(line: Line) -> Line:
@@ -174,7 +178,12 @@ def _ledger_line(line: Line, style: Style, depth: int) -> str:
 
 def _beside(line: Line) -> str:
     """What else there is to say of an amount: the rule's price, or why it is 0."""
-    words = [] if line.nominal is None else [f"by the rule {amount_text(line.nominal, sign=True)}"]
+    words = []
+    if line.nominal is not None and line.kind == "cap":
+        how = "gives back" if line.nominal > 0 else "takes back"
+        words.append(f"of the prices by the rule it {how} {amount_text(abs(line.nominal))}")
+    elif line.nominal is not None:
+        words.append(f"by the rule {amount_text(line.nominal, sign=True)}")
     words += [line.reason] if line.reason and line.kind != "cap" else []
     return f"  ({'; '.join(map(plain, words))})" if words else ""
 
@@ -190,7 +199,7 @@ def _name(line: Line) -> str:
 
 def _losses(result: Result, style: Style) -> Iterator[str]:
     """Every violation the score depends on, and what else took points, those without a time last."""
-    costs, taken = _costs(result), taken_by(result.ledger)
+    costs, earned, taken = _costs(result), _earned(result), taken_by(result.ledger)
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
@@ -201,7 +210,7 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
         yield style("What cost points", "bold")
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
-            cost = costs.get(key, "")
+            cost = costs.get(key) or (f" (it earned {amount_text(earned[key])})" if earned.get(key) else "")
             yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}{cost}"
         yield from _more(len(timed) - 2 * _SHOWN, style)
 
@@ -361,12 +370,18 @@ def _item_lines(item: Scope, style: Style) -> Iterator[str]:
         yield style("  no facts are known about it", "dim")
 
 
-def _prices(result: Result) -> dict[str, str]:
-    """What each finding took or earned, or why it changed nothing."""
+def _earned(result: Result) -> dict[str, Decimal]:
+    """What each finding earned by itself."""
     earned: dict[str, Decimal] = {}
     for line in result.ledger.walk() if result.ledger else ():
         if line.kind == "amount" and len(line.findings) == 1 and not line.children:
             earned[line.findings[0]] = earned.get(line.findings[0], Decimal(0)) + line.amount
+    return earned
+
+
+def _prices(result: Result) -> dict[str, str]:
+    """What each finding took or earned, or why it changed nothing."""
+    earned = _earned(result)
     priced = {name for name, check in result.checks.items() if check["priced"]}
     prices = {
         key: "" if finding.check in priced else " (not priced)"

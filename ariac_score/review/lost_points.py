@@ -16,7 +16,7 @@ from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["Recoverable", "recoverable_losses", "without_alone"]
+__all__ = ["Recoverable", "gains_by_check", "recoverable_losses", "without_alone"]
 
 MOST = 120
 """More groups than this are not tried: a page shows the largest dozen."""
@@ -87,6 +87,25 @@ def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
         return {}
     value = _value(result, rule_set_from_text(result.rules, file="the rules in the result"))
     return {key: result.score + _gain(result, (key,), value) for key in keys[:MOST]}
+
+
+def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
+    """By how much the score would be higher had one check found nothing wrong, for each that did.
+
+    Args:
+        result: The result; without a score nothing would bring more.
+        rules: The rules in the result.
+    """
+    if result.score is None:
+        return {}
+    value = _value(result, rules)
+    wrong: dict[str, list[str]] = {}
+    for key, finding in result.measured.findings.items():
+        bad = finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
+        if bad and finding.check in rules.sheet.priced:
+            wrong.setdefault(finding.check, []).append(key)
+    gains = {check: _gain(result, tuple(keys), value) for check, keys in wrong.items()}
+    return {check: gain for check, gain in gains.items() if gain > 0}
 
 
 def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], Number | None]:

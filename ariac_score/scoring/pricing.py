@@ -12,6 +12,7 @@ from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
 from ariac_score.scoring.cohort import CohortValues, Contribution
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
@@ -87,6 +88,7 @@ def contribute(
     return Contributed(tuple(values), undecided)
 
 
+@in_own_decimals
 def price(
     findings: Mapping[str, Finding],
     scopes: Scope,

@@ -27,6 +27,7 @@ from ariac_score.results.result import Result
 from ariac_score.results.sketch import Sketch
 from ariac_score.review.lost_points import recoverable_losses
 from ariac_score.review.task_and_safety import task_and_safety
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
@@ -42,6 +43,7 @@ _ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
 _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
 
 
+@in_own_decimals
 def trial_page(result: Result, stored: str, home: str = "") -> str:
     """The page of a trial: one file that needs nothing else.
 

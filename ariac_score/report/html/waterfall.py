@@ -9,6 +9,7 @@ from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import rounded_points
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
 
@@ -84,6 +85,7 @@ class Waterfall:
     decimals: int
 
 
+@in_own_decimals
 def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
     """The steps of a ledger.
 

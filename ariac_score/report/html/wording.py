@@ -13,7 +13,7 @@ from ariac_score.report.figures import rounded_points
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
 
-__all__ = ["amount", "brief", "file_name", "number", "points", "seconds", "untrusted"]
+__all__ = ["amount", "brief", "file_name", "number", "points", "round_to", "seconds", "untrusted"]
 
 SHOWN_AT_ONCE = 240
 """Longer text is folded: its start is shown, and the whole on demand."""
@@ -102,6 +102,18 @@ def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0)
     _, point, fraction = text.partition(".")
     room = decimals - len(fraction)
     return text + ("" if point or room <= 0 else POINT_SPACE) + FIGURE_SPACE * max(room, 0)
+
+
+def round_to(value: Decimal | None, digits: int) -> str:
+    """Points with so many decimals; a dash for none.
+
+    >>> round_to(Decimal("-8.238323"), 2), round_to(Decimal("-0.001"), 2)
+    ('\u22128.24', '0.00')
+    """
+    if value is None:
+        return NOTHING
+    # + 0 makes a zero positive that rounding left negative.
+    return f"{value.quantize(Decimal(1).scaleb(-digits)) + 0:f}".replace("-", MINUS)
 
 
 def points(value: Decimal, digits: int = 9, sign: bool = False, decimals: int | None = None) -> Markup:
