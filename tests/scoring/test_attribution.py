@@ -609,6 +609,14 @@ def test_only_what_moved_pays_for_a_condition_that_was_turned() -> None:
     assert case.taken == {"b#0": -3, "b#1": -3}
 
 
+def test_what_moves_beside_those_that_turned_a_condition_pays_nothing() -> None:
+    # From 0 to 1 and back: of two violations one is made up for, so this part never turned; b did.
+    formula = "6 if (violated(x) - violated(y) + 1) and holds(b) else 0"
+    case = Case(formula, [*times("x", 1), *times("y", 1), *times("b", 1)])
+
+    assert {key: by for key, by in case.taken.items() if by} == {"b#0": -6}
+
+
 def test_a_quantity_of_several_findings_starts_at_the_best_of_each() -> None:
     # Two factors that would be 1 at best, so 2 together: of 10 - 4 the one at 3 took its 2.
     case = Case(
