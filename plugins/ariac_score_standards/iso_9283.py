@@ -14,6 +14,7 @@ from ariac_score import (
     FloatArray,
     Limit,
     Measure,
+    MissingSignalError,
     SignalNeed,
     Trial,
     Verdict,
@@ -21,7 +22,6 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score.errors import MissingSignalError
 from ariac_score.monitors import Subject, bodies, nobody
 
 ATTAINED = "pose_attained"

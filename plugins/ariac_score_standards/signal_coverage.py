@@ -14,6 +14,7 @@ from ariac_score import (
     Finding,
     FloatArray,
     Measure,
+    MissingSignalError,
     Signal,
     SignalNeed,
     Span,
@@ -24,7 +25,6 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score.errors import MissingSignalError
 from ariac_score.monitors import EXPOSURE_DISTANCE_M, nobody, pairs
 from ariac_score_standards.exposed_time import ExposedTime
 
