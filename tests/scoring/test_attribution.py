@@ -301,7 +301,7 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
         ("max(0, 1 if count(x) < 2 else -3)", None, 0),
         ("1 if max(0, 10 - 3 * count(x)) > 0 else 0", None, 0),
         ("max(0, 10 - points(w) * count(x) * count(y))", None, 0),
-        ("max(0.25, 5 * points(w) / (1 + count(x)))", None, 0),
+        ("max(2, 5 * points(w) / (1 + count(x)))", None, 0),
         ("max(9, 20 * points(w) * (cohort.mean / measure(own, q)) - 3 * count(x))", None, 0),
         ("max(0, 10 - 3 * count(x)) if holds(y) else max(0, 9 - 3 * count(x))", None, 0),
         ("min(10 - 3 * count(x), 9 - 3 * count(x))", None, 0),
