@@ -293,7 +293,8 @@ def _as_type(value: Any, wanted: Any) -> Any:
         and (wanted is bool or not isinstance(value, bool))
     ):
         return value
-    raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
+    name = str(getattr(wanted, "__name__", wanted))
+    raise ValueError(f"{value!r} is not {'an' if name[0] in 'aeiou' else 'a'} {name}")
 
 
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")

@@ -81,6 +81,11 @@ class Verification:
         """Whether nothing failed."""
         return all(step.outcome != FAILED for step in self.steps)
 
+    @property
+    def computed_again(self) -> bool:
+        """Whether all was computed again from the log."""
+        return any(step.name == "recomputed" for step in self.steps)
+
 
 def verify_result(
     path: Path,

@@ -262,9 +262,9 @@ def _again(case: Case, score: str, findings: dict[str, Finding]) -> Case:
 
 def _same(ours: dict[str, Exact], theirs: dict[str, Exact]) -> bool:
     """Whether all amounts are the same, but for the last digits of logarithms."""
-    most = max(map(abs, (*ours.values(), *theirs.values())), default=Fraction(0))
-    keys = ours.keys() | theirs.keys()
-    return all(abs(ours.get(k, 0) - theirs.get(k, 0)) <= Fraction(1, 10**25) * (1 + most) for k in keys)
+    most = max((abs(Fraction(by)) for by in (*ours.values(), *theirs.values())), default=Fraction(0))
+    tiny = Fraction(1, 10**25) * (1 + most)
+    return all(abs(Fraction(ours.get(k, 0)) - theirs.get(k, 0)) <= tiny for k in ours.keys() | theirs.keys())
 
 
 @given(cases(), st.data())
