@@ -61,7 +61,7 @@ LIBRARIES = {  # of others, by room; all else is the standard library
     "batch": {"distributed", "fsspec", "msgspec", "numpy", "pyarrow", "ray"},
     "report": {"jinja2", "markupsafe", "msgspec"},
     "platforms": {"msgspec", "yaml"},
-    "cli": {"rich"},
+    "cli": {"rich", "tomli"},
 }
 
 FOR_PLUGINS = ("monitors", "testing")

@@ -52,7 +52,7 @@ def test_the_readme_lists_every_shipped_rule_set() -> None:
 def test_the_readme_lists_every_command_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    commands = re.findall(r"^    ([a-z]+) ", capsys.readouterr().out, re.MULTILINE)
+    commands = re.findall(r"^  ([a-z]+) ", capsys.readouterr().out, re.MULTILINE)
 
     assert {"score", "sign"} <= set(commands)
     for command in commands:

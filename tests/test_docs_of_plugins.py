@@ -95,7 +95,7 @@ def test_its_result_has_the_panel_and_the_format(
     stored.write_text(as_json(result), encoding="utf-8")
     (finding,) = result.measured.of("low").values()
 
-    assert main(["report", str(stored)]) == 0
+    assert main(["report", str(stored), "-o", "-"]) == 0
     assert f"<ul><li><bdi>{finding.message}</bdi></li></ul>" in capsys.readouterr().out
     assert main(["export", str(stored), "--output-format", "course_tex"]) == 0
     assert capsys.readouterr().out == "\\newcommand{\\score}{8.000000}\n"

@@ -19,53 +19,60 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, NoReturn
 
+from ariac_score.cli import settings
+from ariac_score.cli.completion import ASKED, SCRIPTS, PrintCompletion, print_candidates
+from ariac_score.cli.notes import is_apart
+from ariac_score.cli.parser import EXIT_USAGE, Parser, add_everywhere, command_in, leaves
 from ariac_score.errors import ScoreError
+from ariac_score.installed.captured_output import fault_of, keep_results_apart
+from ariac_score.installed.running import listen_for_interrupts
 from ariac_score.terminal.output import discard_output
 from ariac_score.terminal.style import plain, style_for
 
-__all__ = ["main"]
+__all__ = ["main", "program"]
 
 EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
-EXIT_USAGE = 4
 
-_COMMANDS = {
-    "check": "check whether a log can be scored, and what is missing",
-    "score": "score a trial",
-    "info": "show the contents of a log, and which checks it could decide",
-    "explain": "follow any number of a result back to its samples",
-    "report": "make a page of a result, or the site of a competition",
-    "price": "price a stored result under other rules, without its log",
-    "adjust": "apply decisions of stewards on top of a result",
-    "verify": "check a stored result, alone or against its log",
-    "export": "write a stored result as JUnit, SARIF, GitHub annotations, Markdown, CSV or JSON Lines",
-    "annotate": "write the findings of a result as a recording to open with its log",
-    "audit": "compare the official score with the log, item by item",
-    "rank": "rank the teams of a competition",
-    "batch": "score many trials, each in a process of its own; call again to go on",
-    "merge": "join the shards of a batch",
-    "sign": "sign results with a key",
-    "platform": "host a competition on Codabench or EvalAI",
-    "sensitivity": "vary every parameter and show whether score or ranks would change",
-    "rules": "list, show, validate, compare and test rule sets",
-    "plugins": "list, show and check installed plugins",
-    "new": "start a plugin in one file, and let it grow into a distribution",
-    "oracle": "answer running monitors of ROSMonitoring, event by event",
+_GROUPS = {
+    "for teams: from a recording to its page": {
+        "check": "check whether a log can be scored, and what is missing",
+        "score": "score a trial",
+        "report": "make a page of a result, or the site of a competition",
+        "explain": "follow any number of a result back to its samples",
+        "info": "show the contents of a log, and which checks it could decide",
+        "annotate": "write the findings of a result as a recording to open with its log",
+    },
+    "for organisers: from runs to a ranking that holds": {
+        "rank": "rank the teams of a competition",
+        "batch": "score many trials, each in a process of its own; call again to go on",
+        "merge": "join the shards of a batch",
+        "verify": "check a stored result, alone or against its log",
+        "audit": "compare the official score with the log, item by item",
+        "adjust": "apply decisions of stewards on top of a result",
+        "sign": "sign results with a key",
+        "platform": "host a competition on Codabench or EvalAI",
+    },
+    "for authors of rules and plugins": {
+        "rules": "list, show, validate, compare and test rule sets",
+        "plugins": "list, show and check installed plugins",
+        "new": "start a plugin in one file, and let it grow into a distribution",
+    },
+    "for researchers": {
+        "price": "price a stored result under other rules, without its log",
+        "sensitivity": "vary every parameter and show whether score or ranks would change",
+        "export": "write a result as JUnit, SARIF, Markdown, CSV, …; a batch as a table",
+        "oracle": "answer running monitors of ROSMonitoring, event by event",
+    },
 }
+_COMMANDS = {name: summary for group in _GROUPS.values() for name, summary in group.items()}
 """The line about each command in `--help`: the module of a command is imported only to run it."""
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose usage errors have the documented exit code."""
-
-    def error(self, message: str) -> NoReturn:
-        self.print_usage(sys.stderr)
-        print(f"error: {message}", file=sys.stderr)
-        print(f"hint: {self.prog} --help", file=sys.stderr)
-        self.exit(EXIT_USAGE)
 
 
 class _Version(argparse.Action):
@@ -78,23 +85,34 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _parser(name: str) -> argparse.ArgumentParser:
+def _parser(name: str) -> Parser:
     """The parser of one command, or one with a line about each where the command line names none."""
-    parser = _Parser(
+    parser = Parser(
         prog="ariac-score",
+        usage="ariac-score COMMAND … ('ariac-score COMMAND --help' says what it takes)",
         description="Score robot competition trials: task points, safety monitors, one explained score.",
         epilog="Exit codes: 0 scored, 1 a criterion failed, or an audit or verification found a difference, "
         "2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
         "6 damaged log or undecided score, 7 a batch could not be finished.",
+        groups=_GROUPS,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    parser.add_argument(
+        "--print-completion",
+        action=PrintCompletion,
+        choices=tuple(SCRIPTS),
+        metavar="SHELL",
+        help="print what completes command lines in bash, zsh or fish, and exit",
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, prog=parser.prog)
     if name in _COMMANDS:
         import_module(f"ariac_score.cli.{name}").register(commands)
     elif name != "--version":
         for known, summary in _COMMANDS.items():
             commands.add_parser(known, help=summary)
         _add_brought(name, commands)
+    for each in (parser, *leaves(parser)):
+        add_everywhere(each)
     return parser
 
 
@@ -113,13 +131,58 @@ def _add_brought(name: str, commands: Any) -> None:
             commands.add_parser(brought, help=summary_of(plugins), add_help=False)
 
 
+def program() -> NoReturn:
+    """Be the process of one command: what plugins start, or leave to be done at its end, spoils no result."""
+    results = keep_results_apart()
+    listen_for_interrupts()
+    try:
+        code = main()
+    finally:
+        sys.stdout = sys.__stdout__  # which leads to standard error now
+        if results is not None:
+            with suppress(BrokenPipeError, ValueError):  # who reads it has gone, or a plugin has closed it
+                results.close()
+    sys.exit(code)
+
+
+def _arguments(given: Sequence[str]) -> argparse.Namespace:
+    """The command line, and what it leaves out and settings say."""
+    command = command_in(given)
+    parser = _parser(command)
+    if command not in settings.COMMANDS or {"-h", "--help"} & set(given):
+        return _with_format(parser.parse_args(given))
+    found = settings.load_settings(Path.cwd(), os.environ, **_said_of_files(given))
+    arguments, taken = settings.settle(parser, command, given, found)
+    if not is_apart():  # else it was said before
+        settings.tell(arguments, taken, found)
+    return _with_format(arguments)
+
+
+def _with_format(arguments: argparse.Namespace) -> argparse.Namespace:
+    """The arguments with a format where none is named: that of the file to write, else text."""
+    if getattr(arguments, "output_format", "") is None:
+        as_json = arguments.output is not None and arguments.output.suffix == ".json"
+        arguments.output_format = "json" if as_json else "text"
+    return arguments
+
+
+def _said_of_files(given: Sequence[str]) -> dict[str, Any]:
+    """What a command line says of files with settings, which has to be known before it is parsed."""
+    named = [word.partition("=")[2] for word in given if word.startswith("--config=")]
+    named += [after for word, after in pairwise(given) if word == "--config"]
+    search = "--no-config" not in given
+    return {"file": Path(named[-1]) if named and search else None, "search": search}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # No matrix here is large enough for the threads that numpy would start, and these wait by spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given, author, code = sys.argv[1:] if argv is None else argv, "", 0
     try:
-        arguments = _parser(given[0] if given else "").parse_args(given)
+        if given and given[0] == ASKED:
+            return print_candidates(given[1:], _parser)
+        arguments = _arguments(given)
         arguments.given = list(given)  # for a command that runs itself in another process
         author = getattr(arguments, "author", "")
         code = int(arguments.run(arguments))
@@ -136,19 +199,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: the output cannot be written: {error.strerror}", file=sys.stderr)
         print("hint: check the disk, or write to a file with -o", file=sys.stderr)
         return EXIT_USAGE
-    except Exception as error:  # noqa: BLE001  # no traceback reaches a user
+    except SystemExit:
+        raise
+    except BaseException as error:  # noqa: BLE001  # no traceback reaches a user
         return _failed(error, author or "ariac-score")
     return code
 
 
-def _failed(error: Exception, author: str) -> int:
+def _failed(error: BaseException, author: str) -> int:
     """Print what went wrong, and for an internal error whose fault it is; the exit code."""
     if isinstance(error, ScoreError):
         _print_error(error)
         return error.exit_code
     if os.environ.get("ARIAC_SCORE_DEBUG"):
         raise error
-    print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+    print(f"internal error: {fault_of(error)}", file=sys.stderr)
     print(
         f"hint: this is a fault of {author}; set ARIAC_SCORE_DEBUG=1 and report the traceback",
         file=sys.stderr,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.notes import note
 from ariac_score.cli.outcome import add_output, show
+from ariac_score.cli.stored import result_given
 from ariac_score.results.adjustments import adjust, adjustments_template, load_adjustments
-from ariac_score.results.result_file import load_result, measured_sha256
+from ariac_score.results.result_file import measured_sha256
 from ariac_score.terminal.output import refuse_inputs, write
 
 
@@ -33,7 +34,7 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Load both, apply, show; the same output and exit codes as `score`."""
     refuse_inputs(arguments.output, arguments.result)
-    stored = load_result(arguments.result)
+    stored = result_given(arguments.result, "adjust")
     measured = measured_sha256(stored)
     if arguments.adjustments is None:
         write(adjustments_template(stored, measured=measured), arguments.output)
@@ -42,5 +43,5 @@ def run(arguments: argparse.Namespace) -> int:
     adjusted, others = adjust(stored, load_adjustments(arguments.adjustments), measured=measured)
     if others:
         are = "adjustment of the file is" if others == 1 else "adjustments of the file are"
-        print(f"{others} {are} about other results", file=sys.stderr)
+        note(arguments, f"{others} {are} about other results")
     return show(adjusted, arguments)

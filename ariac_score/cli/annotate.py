@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import note
+from ariac_score.cli.stored import result_given
 from ariac_score.engine.prepared import prepare
-from ariac_score.results.result_file import load_result
 from ariac_score.review.annotate import messages_of, without_margins
 from ariac_score.review.annotation_messages import recorded
 from ariac_score.review.margins import read_again, tracks
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the log again, run the monitors, write."""
     for source in (arguments.path, arguments.result):
         refuse_inputs(arguments.output, source)
-    result = load_result(arguments.result)
+    result = result_given(arguments.result, "annotate LOG")
     rule_set = (
         load_rule_set(arguments.rules)
         if arguments.rules
@@ -54,7 +54,6 @@ def run(arguments: argparse.Namespace) -> int:
         write_copy(recording, arguments.output)
     bare = without_margins(found)
     if bare:
-        sys.stderr.write(
-            f"notice: these monitors have a margin only where findings begin and end: {', '.join(bare)}\n"
-        )
+        words = "notice: these monitors have a margin only where findings begin and end"
+        note(arguments, f"{words}: {', '.join(bare)}")
     return 0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.registry import Registry
+from ariac_score.cli.outcome import FORMAT_HELP
 from ariac_score.errors import UsageError
 from ariac_score.logs.rosmonitoring import RosMonitoringReader
 from ariac_score.oracle.judges import RulesBench
@@ -40,7 +41,7 @@ def register(commands: Any) -> None:
         metavar="NAME",
         help="list the differences to this rule set, too; default: those that declare how they differ",
     )
-    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.add_argument("--output-format", choices=("text", "json"), help=FORMAT_HELP)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
 

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.stored import result_given
 from ariac_score.errors import UsageError, did_you_mean
 from ariac_score.report.text import explain_text, score_text
-from ariac_score.results.result_file import load_result
 from ariac_score.terminal.style import style_for
 
 
@@ -35,7 +35,7 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load the result, which checks its sums, and print the ledger or a part of it."""
-    result = load_result(arguments.result)
+    result = result_given(arguments.result, "explain")
     style = style_for(sys.stdout)
     if result.ledger is None and not arguments.path:
         sys.stdout.write(score_text(result, style))
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             *(part for path in lines for part in path.split("/")),
             *result.measured.findings,
             *result.checks,
+            *(scope.path for scope in result.measured.scopes.walk() if scope.path),
         }
         raise UsageError(
             f"nothing in the result has the name {arguments.path!r}",

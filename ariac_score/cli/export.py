@@ -8,8 +8,8 @@ from typing import Any
 
 from ariac_score.batch.export import TABLES, table_csv, write_parquet
 from ariac_score.cli.outcome import add_output, show
+from ariac_score.cli.stored import result_given
 from ariac_score.errors import UsageError
-from ariac_score.results.result_file import load_result
 from ariac_score.terminal.output import refuse_inputs, write
 
 
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.result)
     if arguments.result.is_dir():
         return _table(arguments)
-    return show(load_result(arguments.result), arguments)
+    return show(result_given(arguments.result, "export"), arguments)
 
 
 def _table(arguments: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import counted
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare, words_of
 from ariac_score.engine.read import competition_of, find_trial, read_trial
@@ -108,7 +109,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     if words.hands_in or trial.submissions:
         lines.append(f"  {plain(words.many(HANDED_IN))}: {len(trial.submissions)}")
     for body in trial.bodies:
-        links = f", {len(body.links)} links" if body.links else ""
+        links = f", {counted(len(body.links), 'link')}" if body.links else ""
         lines.append(f"  {body.kind} {plain(body.id)}{links}")
     window = trial.window
     if window:

@@ -18,10 +18,12 @@ from ariac_score.scoring.steward import with_verdicts
 from ariac_score.terminal.output import write
 from ariac_score.terminal.style import Style, plain, style_for
 
-__all__ = ["add_output", "failed_criteria", "show"]
+__all__ = ["FORMAT_HELP", "add_output", "failed_criteria", "show"]
 
 EXIT_CRITERION = 1
 EXIT_UNDECIDED = 6
+FORMAT_HELP = "default: text; json for -o FILE.json"
+"""Which of both is the default says `ariac_score.cli.main`."""
 OWN_FORMATS = ("text", "json")
 _CRITERION = re.compile(
     r"(?P<what>violation|unknown)(:(?P<check>\w+))?|score<(?P<limit>-?\d+(\.\d+)?)", re.ASCII
@@ -33,8 +35,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output-format",
         choices=(*OWN_FORMATS, *export_names()),
-        default="text",
-        help="default: text; see docs/outputs.md",
+        help=FORMAT_HELP,
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.add_argument(

@@ -12,6 +12,7 @@ from typing import Any
 
 from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli.actions import add_action
+from ariac_score.cli.notes import counted
 from ariac_score.errors import UsageError
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.evalai import (
@@ -189,7 +190,8 @@ def _config(arguments: argparse.Namespace) -> int:
         place = arguments.folder / name
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
-    print(f"wrote {len(files)} files in {plain(str(arguments.folder))}; 'platform evalai check' checks them")
+    where = f"{counted(len(files), 'file')} in {plain(str(arguments.folder))}"
+    print(f"wrote {where}; 'platform evalai check' checks them")
     return 0
 
 

@@ -15,6 +15,7 @@ from ariac_score.checks.local import LocalFiles
 from ariac_score.checks.registry import Plugin, Registry, is_local
 from ariac_score.cli.actions import add_action
 from ariac_score.cli.apart import is_apart, run_apart
+from ariac_score.cli.notes import counted
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.errors import PluginError, ScoreError, UsageError
 from ariac_score.installed.points import unreadable_distributions
@@ -196,7 +197,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     named = _named(arguments.name)
     if not is_apart():
         try:
-            return run_apart(arguments.given, call_limit_s=arguments.time_limit_s)
+            return run_apart(arguments.given, limit_s=arguments.time_limit_s)
         except PluginError as error:
             _outcome("ends", error)
             return EXIT_BROKEN
@@ -210,7 +211,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             _outcome("built", error)
             return EXIT_BROKEN
         what = arguments.trial.name if arguments.trial else "the made trial"
-        print(f"{plugin.origin}: {len(checks)} checks on {what}", flush=True)
+        print(f"{plugin.origin}: {counted(len(checks), 'check')} on {what}", flush=True)
         for check in checks:
             try:
                 unseen = check.run()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.results import results_of_batch
+from ariac_score.cli.outcome import FORMAT_HELP
 from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.adjusting import adjusted_ranking
@@ -51,9 +52,7 @@ def register(commands: Any) -> None:
         default="robust",
         help="robust: a run without a score is named and counts 0; strict: as in the organisers' program",
     )
-    parser.add_argument(
-        "--output-format", choices=("text", "csv", "json"), default="text", help="default: text"
-    )
+    parser.add_argument("--output-format", choices=("text", "csv", "json"), help=FORMAT_HELP)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.add_argument(
         "--cohort-output",

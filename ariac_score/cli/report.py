@@ -1,4 +1,4 @@
-"""`ariac-score report RESULT -o trial.html`: a result as a page to look at, print and share."""
+"""`ariac-score report RESULT`: a result as a page to look at, print and share."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.notes import note
 from ariac_score.cli.site import add_arguments as add_site_arguments
 from ariac_score.cli.site import (
     is_competition,
@@ -15,9 +16,10 @@ from ariac_score.cli.site import (
     site_of_competition,
     site_of_ranking,
 )
-from ariac_score.errors import ResultError
+from ariac_score.cli.stored import is_log, result_given
+from ariac_score.errors import ResultError, UsageError
 from ariac_score.report.html.trial import embedded_result, trial_page
-from ariac_score.results.result_file import as_json, load_result
+from ariac_score.results.result_file import as_json
 from ariac_score.terminal.output import refuse_inputs, write
 
 
@@ -38,7 +40,16 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--extract", action="store_true", help="extract the result from a page (RESULT is the page)"
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="write to OUT instead of stdout")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help="file of a page (-: stdout), or folder of a site; default: the name of RESULT, with .html",
+    )
+    parser.add_argument(
+        "--output-folder", type=Path, metavar="DIR", help="where a page goes that -o does not name"
+    )
     parser.set_defaults(run=run)
 
 
@@ -47,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.result)
     if arguments.extract:
         return _extract(arguments)
-    if is_competition(arguments.result):
+    if is_competition(arguments.result) and not _is_folder_of_a_log(arguments.result):
         return site_of_competition(arguments)
     return _WRITERS.get(_kind(arguments.result), _trial)(arguments)
 
@@ -62,11 +73,44 @@ def _kind(file: Path) -> str:
     return schema.rpartition("/")[0] if isinstance(schema, str) else ""
 
 
+def _is_folder_of_a_log(path: Path) -> bool:
+    """Whether a folder is a recording, or all parts of one trial, and no competition."""
+    competition = (path / "competition.yaml").is_file() or (path / "logs").is_dir()
+    return path.is_dir() and not competition and is_log(path)
+
+
 def _trial(arguments: argparse.Namespace) -> int:
     refuse_site_arguments(arguments)
-    result = load_result(arguments.result)
-    write(trial_page(result, as_json(result)), arguments.output)
+    result = result_given(arguments.result, "report")
+    page = trial_page(result, as_json(result))
+    if arguments.output is not None:
+        write(page, arguments.output)
+        return 0
+    file = (arguments.output_folder or Path()) / f"{arguments.result.stem.removesuffix('.result')}.html"
+    _refuse_other_pages(file)
+    write(page, file)
+    note(arguments, f"open {file}")
     return 0
+
+
+def _refuse_other_pages(file: Path) -> None:
+    """Refuse to replace a file that nobody named, unless it is a page of a trial itself.
+
+    Raises:
+        UsageError: It is something else.
+    """
+    try:
+        before = file.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return
+    except (OSError, UnicodeDecodeError):
+        before = ""
+    if embedded_result(before) is None:
+        raise UsageError(
+            "there is such a file already, and it is no page of a trial",
+            file=file,
+            hint="name another with -o FILE",
+        )
 
 
 def _extract(arguments: argparse.Namespace) -> int:

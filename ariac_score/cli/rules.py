@@ -11,20 +11,15 @@ from typing import Any
 
 from ariac_score.checks.registry import Registry
 from ariac_score.cli.actions import add_action
+from ariac_score.cli.changed_scores import changed_by_logs, changed_by_results
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import counted
 from ariac_score.engine.prepared import prepare
-from ariac_score.engine.price import reprice
 from ariac_score.engine.read import plugins_of_log_map
-from ariac_score.errors import ScoreError, UsageError
-from ariac_score.ranking.competition import stored_results
+from ariac_score.errors import ScoreError
 from ariac_score.ranking.evaluation import evaluation_program
-from ariac_score.ranking.rank import rank_results
-from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.report.ranking import changes_text
-from ariac_score.report.text import amount_text
-from ariac_score.results.result_file import load_result
-from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
+from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.extending import GROUP as RULE_SETS
@@ -46,8 +41,15 @@ def register(commands: Any) -> None:
     diff = add_action(actions, "diff", "show the differences between two rule sets")
     diff.add_argument("first", metavar="A", help="rule set: a name or a .yaml file")
     diff.add_argument("second", metavar="B", help="likewise")
-    diff.add_argument(
+    whose = diff.add_mutually_exclusive_group()
+    whose.add_argument(
         "--results", type=Path, metavar="DIR", help="stored results: show whose score and rank would change"
+    )
+    whose.add_argument(
+        "--logs",
+        type=Path,
+        metavar="PATH",
+        help="a log, a folder of logs or a competition: show the same, scored under both",
     )
     diff.set_defaults(run=run_diff)
     validate = add_action(actions, "validate", "check a rule set and the plugins it names")
@@ -113,9 +115,13 @@ def run_diff(arguments: argparse.Namespace) -> int:
         for sign, value, other in (("-", before, after), ("+", after, before)):
             for line in _only_here(value, other):
                 print(f"  {sign} {line}")
+    changed: Iterator[str] = iter(())
     if arguments.results is not None:
-        for line in _changed_scores(arguments.results, first, second):
-            print(line)
+        changed = changed_by_results(arguments.results, (first, second))
+    if arguments.logs is not None:
+        changed = changed_by_logs(arguments.logs, (first, second))
+    for line in changed:
+        print(line)
     return 0
 
 
@@ -134,44 +140,6 @@ def _in_yaml(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def _changed_scores(folder: Path, first: Any, second: Any) -> Iterator[str]:
-    """For each stored result its score under both rule sets."""
-    files = sorted(folder.glob("*.json")) if folder.is_dir() else []
-    competition = stored_results(folder) if folder.is_dir() else None
-    if competition is not None and competition.runs:
-        yield from _changed_ranks(competition, first, second)
-        return
-    if not files:
-        raise UsageError(
-            "there is no stored result here",
-            file=folder,
-            hint="give a folder of results that 'score --output-format json' or 'rank --results' wrote",
-        )
-    for file in files:
-        try:
-            result = load_result(file)
-            scores = [reprice(result, rule_set).score for rule_set in (first, second)]
-        except ScoreError as error:
-            yield f"{plain(file.name)}: cannot be priced: {plain(error.cause)}"
-            continue
-        before, after = ("no score" if s is None else amount_text(s) for s in scores)
-        yield f"{plain(file.name)}: {before}" + (f" -> {after}" if before != after else " (unchanged)")
-
-
-def _changed_ranks(competition: Any, first: Any, second: Any) -> Iterator[str]:
-    """The runs and teams of a stored competition under both rule sets."""
-    rankings = [
-        rank_results(
-            competition,
-            ranking_spec(rules, {}, file=rules.file),
-            rules,
-            score_runs(competition, rules),
-        )
-        for rules in (first, second)
-    ]
-    yield from changes_text(*rankings)
-
-
 def run_validate(arguments: argparse.Namespace) -> int:
     """Load each rule set with everything that it names: checks, log map, how it ranks."""
     registry = registry_of(arguments)
@@ -185,7 +153,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
         rule_set = prepared.rule_set
         unpriced = sorted(set(rule_set.checks) - rule_set.sheet.priced)
         remark = f"; not priced: {', '.join(unpriced)}" if unpriced else ""
-        print(f"{rule_set.id}: sound, {len(rule_set.checks)} checks{remark}")
+        print(f"{rule_set.id}: sound, {counted(len(rule_set.checks), 'check')}{remark}")
     return 0
 
 
@@ -197,10 +165,11 @@ def run_check(arguments: argparse.Namespace) -> int:
         is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
+        bridged = {} if is_penalty else bridged_pauses(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
-        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events)
+        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events, bridged=bridged)
         tried = sum(outcome.cases for outcome in outcomes)
-        where = f"{name} on the made competition of docs/penalties.md" if is_penalty else rule_set.id
+        where = f"{name} on a made competition" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")
         for outcome in outcomes:
             for line in outcome_lines(

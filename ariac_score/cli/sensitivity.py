@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import note
+from ariac_score.cli.outcome import FORMAT_HELP
+from ariac_score.cli.stored import is_log, result_given
 from ariac_score.errors import UsageError
 from ariac_score.ranking.competition import Competition, load_competition, registry_for, stored_results
 from ariac_score.ranking.runs import score_runs
@@ -44,7 +46,7 @@ def register(commands: Any) -> None:
         "--log", type=Path, metavar="PATH", help="the log of the result, to vary parameters of monitors too"
     )
     add_local_plugins(parser)
-    parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
+    parser.add_argument("--output-format", choices=("text", "json"), help=FORMAT_HELP)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to FILE instead of stdout")
     parser.set_defaults(run=run)
 
@@ -52,7 +54,7 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Vary, compare, show."""
     refuse_inputs(arguments.output, arguments.path)
-    if arguments.path.suffix == ".json":
+    if arguments.path.suffix == ".json" or (arguments.path.is_file() and is_log(arguments.path)):
         scores, rule_set, of = _of_result(arguments)
         text = scores_text(scores, rule_set, of)
         data = sensitivity_json(scores, rule_set, of)
@@ -65,9 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_result(arguments: argparse.Namespace) -> tuple[list[ScoreSensitivity], RuleSet, str]:
-    result = load_result(arguments.path)
+    result = result_given(arguments.path, "sensitivity")
     if result.adjusted is not None:
-        print("this is the automatic score: decisions of stewards are not varied", file=sys.stderr)
+        note(arguments, "this is the automatic score: decisions of stewards are not varied")
     rule_set = _rules(arguments, result)
     found = score_sensitivity(result, rule_set, registry=registry_of(arguments), log=arguments.log)
     return found, rule_set, result.measured.trial

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ariac_score.cli.notes import counted, note
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.compare import differences
@@ -22,9 +23,9 @@ from ariac_score.report.site.site import Site, write_site
 from ariac_score.results.result import Result
 from ariac_score.review.sensitivity import RankSensitivity, rank_sensitivity
 from ariac_score.review.sensitivity_file import load_rank_sensitivity
+from ariac_score.review.what_if import MOST_POINTS, WhatIf, explore
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, write
-from ariac_score.terminal.style import plain
 
 __all__ = ["is_competition", "refuse_site_arguments", "site_of_competition", "site_of_ranking"]
 
@@ -59,6 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="competition or ranking: show this output of 'sensitivity --output-format json'; "
         "'now' computes it, which may take minutes",
     )
+    parser.add_argument(
+        "--what-if",
+        action="append",
+        metavar="NAME=A,B,C",
+        help="competition: show the ranking with these values of a number of the rules, each with each "
+        "where given more than once; instead of 'what_if:' in competition.yaml",
+    )
 
 
 def refuse_site_arguments(arguments: argparse.Namespace) -> None:
@@ -67,12 +75,13 @@ def refuse_site_arguments(arguments: argparse.Namespace) -> None:
     Raises:
         UsageError: One of these options is given.
     """
-    for name in ("rules", "adjustments", "results", "previous", "sensitivity"):
+    for name in ("rules", "adjustments", "results", "previous", "sensitivity", "what_if"):
         if getattr(arguments, name):
+            option = f"--{name.replace('_', '-')}"
             raise UsageError(
-                f"--{name} is for the site of a competition, and this is one trial",
+                f"{option} is for the site of a competition, and this is one trial",
                 file=arguments.result,
-                hint=f"drop --{name}",
+                hint=f"drop {option}",
             )
 
 
@@ -101,6 +110,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     strict = evaluation_of(competition, rule_set, spec) if competition.runs else None
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
+    what_if = _what_if(arguments, competition, rule_set, results)
     after = ranking.stewarded
     # The site is made of stored files alone, so that one of a stored ranking is the same.
     with TemporaryDirectory() as folder:
@@ -117,7 +127,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
         )
         file = Path(folder) / "ranking.json"
         write(text, file)
-        _make(file, Path(folder), out, previous, sensitivity)
+        _make(arguments, file, Path(folder), out, previous, sensitivity, what_if)
     return exit_code(ranking, listed=False)
 
 
@@ -130,8 +140,8 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             "a stored ranking has no runs to vary parameters of",
             hint="give the output of 'sensitivity COMPETITION --output-format json'",
         )
-    if arguments.rules or arguments.adjustments:
-        given = "--rules" if arguments.rules else "--adjustments"
+    if arguments.rules or arguments.adjustments or arguments.what_if:
+        given = "--rules" if arguments.rules else "--adjustments" if arguments.adjustments else "--what-if"
         raise UsageError(
             f"{given} does not apply to a stored ranking", hint="drop it, or give the competition"
         )
@@ -144,7 +154,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             file=folder,
             hint="give their folder with --results, or rank again with --results DIR",
         )
-    _make(arguments.result, folder, out, previous, sensitivity)
+    _make(arguments, arguments.result, folder, out, previous, sensitivity)
     return exit_code(publication.ranking, listed=False)
 
 
@@ -183,15 +193,57 @@ def _sensitivity(
     return load_rank_sensitivity(Path(arguments.sensitivity), ranking.competition, ranking.rule_set)
 
 
+def _what_if(
+    arguments: argparse.Namespace,
+    competition: Competition,
+    rule_set: RuleSet,
+    results: dict[RunKey, Result | ScoreError],
+) -> WhatIf | None:
+    """The ranking under the numbers that the options give, or else the competition.
+
+    Raises:
+        UsageError: An option is no list of numbers.
+        RuleSetError: The rules have no such number, or the values are too many.
+    """
+    given: Mapping[str, Sequence[float]] = dict(map(_values, arguments.what_if or ()))
+    grid = given or competition.what_if
+    if not grid or not results:
+        return None
+    with counting_bar("what if", MOST_POINTS) as step:
+        return explore(
+            competition,
+            rule_set,
+            results,
+            grid,
+            registry=registry_for(competition),
+            progress=lambda done, all_: step(done, f"of {all_}"),
+        )
+
+
+def _values(text: str) -> tuple[str, tuple[float, ...]]:
+    name, sign, values = text.partition("=")
+    try:
+        numbers = tuple(float(value) for value in values.split(","))
+    except ValueError:
+        numbers = ()
+    if not name or not sign or not numbers or not all(map(math.isfinite, numbers)):
+        raise UsageError(
+            f"--what-if {text!r} is no name with numbers", hint="write --what-if separation_weight=0.2,0.4"
+        )
+    return name, numbers
+
+
 def _make(
+    arguments: argparse.Namespace,
     file: Path,
     folder: Path | None,
     out: Path,
     previous: Publication | None,
     sensitivity: Sequence[RankSensitivity] | None,
+    what_if: WhatIf | None = None,
 ) -> None:
     publication = load_publication(file)
-    site = Site(publication, folder, previous, sensitivity)
+    site = Site(publication, folder, previous, sensitivity, what_if)
     with counting_bar("drawing", len(publication.results)) as step:
         count = write_site(site, out, write, progress=step)
-    print(plain(f"{count} files in {out}; open {out / 'index.html'}"), file=sys.stderr)
+    note(arguments, f"{counted(count, 'file')} in {out}; open {out / 'index.html'}")

@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ariac_score.cli.notes import counted
+from ariac_score.cli.stored import not_a_log
 from ariac_score.errors import UsageError
 from ariac_score.results.signing import check_signature
 from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
@@ -70,14 +72,15 @@ def run(arguments: argparse.Namespace) -> int:
             "--local-plugins needs the rule set and the log",
             hint="add --rules FILE, beside which the code lies, and --log PATH",
         )
-    found = verify_result(
-        arguments.result,
-        log=arguments.log,
-        rules=arguments.rules,
-        log_map=arguments.log_map,
-        adjustments=arguments.adjustments,
-        local_plugins=arguments.local_plugins,
-    )
+    with not_a_log(arguments.result, "verify"):
+        found = verify_result(
+            arguments.result,
+            log=arguments.log,
+            rules=arguments.rules,
+            log_map=arguments.log_map,
+            adjustments=arguments.adjustments,
+            local_plugins=arguments.local_plugins,
+        )
     if arguments.signature is not None or arguments.public_key:
         found = _with_signature(found, arguments)
     if arguments.output_format == "json":
@@ -104,7 +107,9 @@ def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
         yield f"  {style(f'{step.outcome:<7}', _LOOKS[step.outcome])}{step.name:<12} {plain(first)}"
         yield from (f"{' ' * 22}{plain(line)}" for line in more)
     failed = [step.name for step in found.steps if step.outcome == "failed"]
-    yield style("it holds", "green") if not failed else style(f"does not hold: {', '.join(failed)}", "red")
+    # Nothing but its log says whether what was measured is true, however well all of it fits together.
+    held = "it holds" if found.computed_again else "it holds in itself; --log checks it against its log"
+    yield style(held, "green") if not failed else style(f"does not hold: {', '.join(failed)}", "red")
 
 
 def _kind(found: Verification) -> str:
@@ -118,7 +123,7 @@ def _kind(found: Verification) -> str:
         return f"automatic result, score {automatic}, {under}"
     final = "none" if result.adjusted.score is None else f"{result.adjusted.score:f}"
     count = len(result.adjusted.adjustments)
-    decisions = "1 decision" if count == 1 else f"{count} decisions"
+    decisions = counted(count, "decision")
     return f"adjusted result, score {final} by {decisions} of stewards, automatic score {automatic}, {under}"
 
 

@@ -145,7 +145,7 @@ def _description(fault: Any) -> tuple[Place, str, str]:
     if fault.validator == "type":
         return (
             path,
-            f"{fault.instance!r} is not of type {fault.validator_value!r}",
+            f"{fault.instance!r} is not of type {_listed_types(fault.validator_value, repr)}",
             _of_type(fault),
         )
     hint = (
@@ -163,8 +163,16 @@ def _of_type(fault: Any) -> str:
         return f"write keys with their values, such as '{first}: …'"
     if fault.validator_value == "array":
         return "give a list: [one, another]"
-    words = str(fault.validator_value)
-    return f"give {'an' if words == 'integer' else 'a'} {words}"
+    return f"give {_listed_types(fault.validator_value, _with_article)}"
+
+
+def _listed_types(types: str | list[str], say: Callable[[str], str]) -> str:
+    """The types of a schema in words."""
+    return " or ".join(map(say, [types] if isinstance(types, str) else types))
+
+
+def _with_article(kind: str) -> str:
+    return kind if kind == "null" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
 def validate(

@@ -14,7 +14,7 @@ from ariac_score.checks.guarded import broken
 from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
 from ariac_score.engine.prepared import Prepared
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.results.result import Setting, Settings
 
 __all__ = ["plain_value", "settings_of"]
@@ -31,8 +31,33 @@ def settings_of(prepared: Prepared) -> dict[str, Settings]:
     found = {}
     for name, each in prepared.checks.items():
         given = prepared.rule_set.checks[name].parameters
-        found[name] = Settings(_source(each.check), tuple(_settings(each.plugin, name, each.check, given)))
+        found[name] = Settings(
+            _source(each.check),
+            tuple(_settings(each.plugin, name, each.check, given)),
+            _mistake(each.plugin, name, each.check),
+            _part_of(each.plugin, name, each.check),
+        )
     return found
+
+
+def _part_of(plugin: Plugin, name: str, check: Any) -> str:
+    """`task` or `safety`; empty where its plugin does not say."""
+    word = getattr(check, "part_of", "")
+    if word in ("", "task", "safety"):
+        return str(word)
+    raise broken(plugin, f"has {word!r} as `part_of`, which is to be 'task' or 'safety'", of=name)
+
+
+def _mistake(plugin: Plugin, name: str, check: Any) -> tuple[str, ...]:
+    """What its plugin calls a violation, one and several; empty where it does not say."""
+    words = getattr(check, "mistake", ())
+    if not words:
+        return ()
+    if not (isinstance(words, tuple) and len(words) == 2 and all(isinstance(w, str) and w for w in words)):
+        raise broken(
+            plugin, f"has {words!r} as `mistake`, which is to be two words: one and several", of=name
+        )
+    return words
 
 
 def _settings(plugin: Plugin, name: str, check: Any, given: Mapping[str, Any]) -> list[Setting]:
@@ -59,8 +84,8 @@ def _resolved(plugin: Plugin, name: str, check: Any) -> dict[str, Any]:
     try:
         with quiet(plugin.origin):
             resolved = dict(check.resolved())
-    except (Exception, SystemExit) as cause:
-        words = f"raised {type(cause).__name__} when it resolved its parameters: {cause}"
+    except Exception as cause:
+        words = f"raised {fault_of(cause).name} when it resolved its parameters: {fault_of(cause).text}"
         raise broken(plugin, words, of=name) from cause
     strange = sorted(set(map(str, resolved)) - set(parameters_of(type(check))))
     if strange:

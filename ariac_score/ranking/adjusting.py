@@ -20,12 +20,14 @@ from ariac_score.ranking.spec import Spec
 from ariac_score.results.adjustments import Adjustments, apply, check_targets
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjusted, Adjustment, as_kept, with_verdicts
 
 __all__ = ["adjusted_ranking", "decisions_by_run"]
 
 
+@in_own_decimals
 def adjusted_ranking(
     competition: Competition, spec: Spec, rule_set: RuleSet, ranking: Ranking, adjustments: Adjustments
 ) -> Ranking:

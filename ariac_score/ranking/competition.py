@@ -108,6 +108,7 @@ class Competition:
         logs: Folder of the teams' folders, where runs lie as `<team>/<trial>_<n>`.
         adjustments: What the stewards decided, where the file names it.
         local_plugins: The files of code beside its rule set that may run, with their SHA-256.
+        what_if: Other values of numbers of the rules, by name, for its site to show the ranking under.
     """
 
     id: str
@@ -125,6 +126,7 @@ class Competition:
     logs: Path | None = None
     adjustments: Path | None = None
     local_plugins: Mapping[str, str] = field(default_factory=dict)
+    what_if: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 def registry_for(competition: Competition) -> Registry:
@@ -211,6 +213,7 @@ def _from_file(file: Path, rules: str) -> Competition:
         if "adjustments" in data
         else None,
         local_plugins=data.get("local_plugins", {}),
+        what_if={name: tuple(map(float, values)) for name, values in data.get("what_if", {}).items()},
     )
 
 

@@ -24,6 +24,7 @@ from ariac_score.results.codec import Format
 from ariac_score.results.cohort_file import Cohort
 from ariac_score.results.result import Pinned, Sha256
 from ariac_score.results.result_file import Decision1, decision_from_1
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.steward import Adjustment
 
@@ -482,6 +483,7 @@ PUBLICATION = Format(
 """How a ranking is stored."""
 
 
+@in_own_decimals
 def load_publication(path: Path) -> Publication:
     """Read a published ranking.
 

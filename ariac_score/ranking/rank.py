@@ -26,6 +26,7 @@ from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, add_up
 from ariac_score.scoring.pricing import Contributed
 from ariac_score.scoring.ruleset import RuleSet
@@ -207,6 +208,7 @@ class Stewarded:
     sha256: str
 
 
+@in_own_decimals
 def rank_results(
     competition: Competition, spec: Spec, rule_set: RuleSet, results: Mapping[RunKey, Result | ScoreError]
 ) -> Ranking:
@@ -235,6 +237,7 @@ def final_ranking(ranking: Ranking) -> Ranking:
     return ranking.stewarded.ranking if ranking.stewarded else ranking
 
 
+@in_own_decimals
 def rank_again(
     competition: Competition,
     spec: Spec,

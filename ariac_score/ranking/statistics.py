@@ -19,6 +19,7 @@ from ariac_score.ranking.rank import Ranking
 from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, student_quantile, widening
 from ariac_score.ranking.spec import FloatArray, IntArray, Intervals, Spec, places
 from ariac_score.results.result import canonical
+from ariac_score.scoring.decimals import in_own_decimals
 
 __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 
@@ -116,6 +117,7 @@ class Statistics:
     groups: tuple[Group, ...] = ()
 
 
+@in_own_decimals
 def rank_statistics(ranking: Ranking, spec: Spec, digits: int) -> Statistics:
     """How sure a ranking is.
 

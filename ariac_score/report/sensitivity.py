@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, ScoreSensitivity
+from ariac_score.review.sensitivity import Knob, RankSensitivity, ScoreSensitivity
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.terminal.style import plain
 
@@ -51,26 +51,38 @@ def ranks_text(found: Sequence[RankSensitivity], rule_set: RuleSet, of: str) -> 
     varied = [each for each in found if not each.skipped]
     for each in varied:
         lines.append(_head(each.knob))
-        lines += [f"    {line}" for shift in each.shifts for line in _shift_lines(shift, each.knob)]
-        if not each.shifts:
-            lines.append("    ranks do not change in this range")
+        lines += [f"    {line}" for line in _shift_lines(each)]
     if not varied:
         lines.append("nothing can be varied")
     return _text([*lines, *_skipped(found)])
 
 
-def _shift_lines(shift: RankShift, knob: Knob) -> Iterator[str]:
-    side = "below" if shift.value <= knob.base else "from"
-    moved = [team for team in shift.after if shift.after[team] != shift.before.get(team)]
-    moves = ", ".join(
-        f"{plain(team)} {_rank(shift.before.get(team))} -> {_rank(shift.after[team])}" for team in moved
-    )
-    change = f"ranks change at {shift.value:.7g} ({side} it they are not as published)"
-    yield f"{change}: {moves or 'there is no ranking on one side'}"
+def _shift_lines(each: RankSensitivity) -> Iterator[str]:
+    """The ranks beyond each value at which they change, seen from the published one."""
+    if not each.shifts:
+        yield "ranks stay as published in this range"
+    below = [shift for shift in each.shifts if shift.value <= each.knob.base]
+    above = [shift for shift in each.shifts if shift.value > each.knob.base]
+    published = below[-1].after if below else above[0].before if above else {}
+    for shift in reversed(below):
+        yield f"below {shift.value:.7g}: {_moves(published, shift.before)}"
+    for shift in above:
+        yield f"from {shift.value:.7g}: {_moves(published, shift.after)}"
+
+
+def _moves(published: Mapping[str, int | None], then: Mapping[str, int | None]) -> str:
+    if not then:
+        return "there is no ranking"
+    moved = [
+        f"{plain(team)} has {_rank(rank)} (published: {_rank(published.get(team))})"
+        for team, rank in then.items()
+        if rank != published.get(team)
+    ]
+    return "; ".join(moved) or "ranks as published"
 
 
 def _rank(rank: int | None) -> str:
-    return "no rank" if rank is None else str(rank)
+    return "no rank" if rank is None else f"rank {rank}"
 
 
 def _head(knob: Knob) -> str:

@@ -115,17 +115,22 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
     source: str = ""
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """The settings of a check.
 
     Attributes:
         source: The standard or document its plugin rests on, in the plugin's words.
         parameters: Every parameter, in the order the plugin has them.
+        mistake: What people call a violation of it, one and several, in the plugin's words; empty where
+            it does not say.
+        part_of: `task` or `safety`, where the plugin says so; else a monitor is about safety, and a rule
+            about the task unless all its quantities are penalties and factors.
     """
 
     source: str
     parameters: tuple[Setting, ...]
+    mistake: tuple[str, ...] = ()
+    part_of: Annotated[str, Meta(pattern="^(task|safety)?$")] = ""
 
 
 def _settled_scope(scope: Scope) -> Scope:
@@ -295,7 +300,8 @@ class Result:
             when the score asks for values across teams that were not given.
         score: The final score; `None` unless scored.
         possible: What the trial could have earned with every finding satisfied and every quantity at the
-            best value that its check declares, if it declares one; `None` when that has no value.
+            best value that its check declares, if it declares one, with the facts of this trial; `None`
+            when that has no value, or less than the score.
         ledger: The score taken apart; `None` unless scored.
         assumptions: What undecided findings counted as.
         digits: Decimal digits of score and ledger.

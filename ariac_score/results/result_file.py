@@ -13,12 +13,14 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from ariac_score.checks.finding_contract import stored_breaches
 from ariac_score.checks.findings import POINTS
 from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.adjustments import apply, check_targets
 from ariac_score.results.codec import Format, as_text, encodable, plain
 from ariac_score.results.result import SEQUENCE, Measured, Result
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
@@ -34,6 +36,7 @@ __all__ = [
     "load_result",
     "measured_sha256",
     "read_result",
+    "refuse_impossible",
     "result_in",
 ]
 
@@ -318,8 +321,9 @@ def _sketch_from_2(sketch: Any) -> Any:
 
 
 def _other_words(former: Mapping[str, Any]) -> str:
-    """What was kept beside the names: kind and places."""
-    told = (v for key, v in former.items() if key not in ("order", "task") and isinstance(v, str))
+    """What was kept beside the names: the kind first, then places."""
+    kept = sorted(former.items(), key=lambda item: item[0] != "kind")
+    told = (v for key, v in kept if key not in ("order", "task") and isinstance(v, str))
     return ", ".join(words for words in told if words not in ("", "any"))
 
 
@@ -338,6 +342,7 @@ RESULT = Format(
 # Reading -------------------------------------------------------------------------------
 
 
+@in_own_decimals
 def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
     """Read a stored result and check that it is whole.
 
@@ -360,6 +365,25 @@ def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
     return result
 
 
+def refuse_impossible(result: Result, file: Path) -> None:
+    """Refuse to price a stored result with a finding that breaks the contract of findings.
+
+    Args:
+        result: As it is stored.
+        file: Where, for the message.
+
+    Raises:
+        ResultError: One does; the message names it and its field.
+    """
+    measured = result.measured
+    for key, breach in stored_breaches(measured.findings, measured.measures, measured.watched):
+        raise ResultError(
+            f"the finding {key} cannot be: {breach}",
+            file=file,
+            hint="score the log again; 'ariac-score verify' shows every such finding",
+        )
+
+
 def read_result(path: Path, *, known: bool = False) -> Result:
     """Read a stored result whose sums are right, without pricing its findings again.
 
@@ -373,6 +397,7 @@ def read_result(path: Path, *, known: bool = False) -> Result:
     return RESULT.read(path, known=known)
 
 
+@in_own_decimals
 def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
     """The result in the bytes of a file, as `read_result` reads it.
 

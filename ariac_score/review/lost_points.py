@@ -1,4 +1,4 @@
-"""What would have earned more: the score again, with one thing at a time as it should have been."""
+"""What would have earned more: the score again, with one thing at a time as good as it could have been."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
 from ariac_score.results.result import Result
 from ariac_score.scoring.expression import Number
-from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.ledger import rounded, taken_by
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["Recoverable", "recoverable_losses", "without_alone"]
+__all__ = ["Recoverable", "gains_by_check", "recoverable_losses", "without_alone"]
 
 MOST = 120
 """More groups than this are not tried: a page shows the largest dozen."""
@@ -54,12 +54,14 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
         return ()
     rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
     value = _value(result, rules)
+    # A finding that keeps its rule may cost something as well, by what it measured: a time, a distance.
+    costly = taken_by(result.ledger)
     wrong = {
         key: finding
         for key, finding in result.measured.findings.items()
-        if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE) and finding.check in rules.sheet.priced
+        if finding.check in rules.sheet.priced
+        and (key in costly or finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE))
     }
-
     found = [
         Recoverable(what, kind, keys, gain)
         for what, kind, keys in list(_groups(result.measured.scopes, wrong))[:MOST]
@@ -85,6 +87,25 @@ def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
         return {}
     value = _value(result, rule_set_from_text(result.rules, file="the rules in the result"))
     return {key: result.score + _gain(result, (key,), value) for key in keys[:MOST]}
+
+
+def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
+    """By how much the score would be higher had one check found nothing wrong, for each that did.
+
+    Args:
+        result: The result; without a score nothing would bring more.
+        rules: The rules in the result.
+    """
+    if result.score is None:
+        return {}
+    value = _value(result, rules)
+    wrong: dict[str, list[str]] = {}
+    for key, finding in result.measured.findings.items():
+        bad = finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
+        if bad and finding.check in rules.sheet.priced:
+            wrong.setdefault(finding.check, []).append(key)
+    gains = {check: _gain(result, tuple(keys), value) for check, keys in wrong.items()}
+    return {check: gain for check, gain in gains.items() if gain > 0}
 
 
 def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], Number | None]:

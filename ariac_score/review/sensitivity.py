@@ -43,8 +43,10 @@ __all__ = [
     "Knob",
     "RankSensitivity",
     "RankShift",
+    "RunLog",
     "ScoreSensitivity",
     "knobs_of",
+    "logs_of",
     "rank_sensitivity",
     "score_sensitivity",
 ]
@@ -244,7 +246,7 @@ def _taking(rule_set: RuleSet, name: str, parameter: str, value: float) -> Check
 # One score -----------------------------------------------------------------------------
 
 
-class _Log:
+class RunLog:
     """A trial read once, and measured under as many rule sets as needed."""
 
     def __init__(
@@ -295,7 +297,7 @@ def score_sensitivity(
         raise ResultError(
             f"it has no score: {again.status}", hint="only a score can be sensitive to anything"
         )
-    read = None if log is None else _Log(log, rule_set, registry)
+    read = None if log is None else RunLog(log, rule_set, registry)
     # Compared before anything is varied: numbers of another log would look like effects of a parameter.
     if read is not None and _score(read.measure(rule_set), rule_set, again) != _score(
         again.measured, rule_set, again
@@ -313,7 +315,7 @@ def score_sensitivity(
 
 
 def _scorer(
-    knob: Knob, rule_set: RuleSet, result: Result, log: _Log | None
+    knob: Knob, rule_set: RuleSet, result: Result, log: RunLog | None
 ) -> Callable[[float], float | None]:
     def score(value: float) -> float | None:
         rules = with_value(rule_set, knob, value)
@@ -428,37 +430,32 @@ def rank_sensitivity(
         registry: The installed plugins.
     """
     stored = all(run.path.suffix == ".json" for run in competition.runs)
-    logs: dict[RunKey, _Log] = {}
+    logs: dict[RunKey, RunLog] = {}
     found = []
     for knob in knobs_of(rule_set, registry):
         if not knob.used or (knob.measured and stored):
             found.append(RankSensitivity(knob, skipped=NEEDS_LOG if knob.used else UNUSED))
             continue
         if knob.measured and not logs:
-            logs = _logs(competition, rule_set, results, registry)
+            logs = dict(logs_of(competition, rule_set, results, registry))
         ranks = _Remembered(_ranker(knob, competition, rule_set, results, logs))
         found.append(RankSensitivity(knob, tuple(_shifts(knob, ranks))))
     return found
 
 
-def _logs(
+def logs_of(
     competition: Competition,
     rule_set: RuleSet,
     results: Mapping[RunKey, Result | ScoreError],
     registry: Registry,
-) -> dict[RunKey, _Log]:
+) -> Iterator[tuple[RunKey, RunLog]]:
+    """The log of each run that has a result and was not stored, opened as it is asked for."""
     teams = {team.id: team.config for team in competition.teams}
     trials = {trial.id: trial.config for trial in competition.trials}
-    return {
-        run.key: _Log(
-            run.path,
-            rule_set,
-            registry,
-            also=tuple(c for c in (trials.get(run.trial), teams.get(run.team)) if c),
-        )
-        for run in competition.runs
-        if isinstance(results.get(run.key), Result) and run.path.suffix != ".json"
-    }
+    for run in competition.runs:
+        if isinstance(results.get(run.key), Result) and run.path.suffix != ".json":
+            also = tuple(c for c in (trials.get(run.trial), teams.get(run.team)) if c)
+            yield run.key, RunLog(run.path, rule_set, registry, also=also)
 
 
 Ranks = Mapping[str, int | None]
@@ -469,7 +466,7 @@ def _ranker(
     competition: Competition,
     rule_set: RuleSet,
     results: Mapping[RunKey, Result | ScoreError],
-    logs: Mapping[RunKey, _Log],
+    logs: Mapping[RunKey, RunLog],
 ) -> Callable[[float], Ranks | None]:
     def ranks(value: float) -> Ranks | None:
         rules = with_value(rule_set, knob, value)
@@ -485,7 +482,9 @@ def _ranker(
     return ranks
 
 
-def _under(rules: RuleSet, knob: Knob, result: Result | ScoreError, log: _Log | None) -> Result | ScoreError:
+def _under(
+    rules: RuleSet, knob: Knob, result: Result | ScoreError, log: RunLog | None
+) -> Result | ScoreError:
     """A run priced by other rules, and measured again where a monitor's number changed."""
     if isinstance(result, ScoreError):
         return result

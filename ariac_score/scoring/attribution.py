@@ -14,13 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Context, Decimal
+from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 from itertools import combinations
 from math import factorial, prod
 from operator import or_
 from typing import Any
 
+from ariac_score.scoring.decimals import context
 from ariac_score.scoring.expression import Number
 
 __all__ = [
@@ -41,15 +43,18 @@ __all__ = [
     "exactly",
     "flow",
     "priced",
+    "raised",
     "truth",
 ]
 
 Exact = int | Fraction
 """A number without any rounding."""
 
-_LOGARITHMS = Context(prec=50)
-_MOST_EXACT = 64
-"""Powers beyond this exponent are taken in float64: exact ones would fill the memory."""
+_NEAR_ONE = Fraction(1, 10**25)
+_LOGARITHMS = context(75)
+"""25 digits more than wanted, for those that a ratio near 1 loses."""
+_MOST_BITS = 1 << 14
+"""Powers with more digits than this are taken in float64: exact ones would fill the memory."""
 _MOST_TOGETHER = 8
 """A function of which so many arguments changed at once is shared out by trying all orders."""
 
@@ -252,7 +257,7 @@ class Product(Node):
         factors: Each factor once with its power; products in it are resolved.
         named: For a factor the outermost name it came under.
         measured_against: The factors that compare this trial with other teams. While something is earned
-            they count last, so that a line of their own says what they brought.
+            they count last, so that a line of their own says what they brought. No gate moves then.
     """
 
     __slots__ = ("factors", "measured_against", "named")
@@ -297,7 +302,7 @@ class Product(Node):
         """A factor, to its power, in a world."""
         if world == 0 and node in self.measured_against:
             return 1
-        return _power(node.exact[world], self.factors[node])
+        return raised(node.exact[world], self.factors[node])
 
     def _linear(self) -> bool:
         moving = [[n for n in self.factors if n.moves[step]] for step in range(len(self.moves))]
@@ -328,7 +333,7 @@ class Product(Node):
         before = node.exact[step]
         if change := node.change(step):
             return _divided(self.factor(node, step + 1) - self.factor(node, step), change)
-        return power * _power(before, power - 1) if before else 0
+        return power * raised(before, power - 1) if before else 0
 
     def _shared(self, step: int) -> dict[Node, Exact]:
         """The slope of the product in each factor: opening, graded, gates, closing, in this order."""
@@ -347,8 +352,7 @@ class Product(Node):
         closing = [n for n, (_, after) in ends.items() if after == 0]
         between = [n for n, (before, after) in ends.items() if before and after]
         gates = [n for n in between if n.moves[step] and n.steps and ends[n][0] != ends[n][1]]
-        graded = [n for n in between if n not in set(gates)]
-        last = set(self.measured_against) if step == 0 else set()
+        later = set(gates) | (set(self.measured_against) if step == 0 else set())
         amounts: dict[Node, Exact] = {}
         slopes: dict[Node, Exact] = {}
         # Opened by all of them together: without any one there would be nothing.
@@ -356,7 +360,7 @@ class Product(Node):
         value *= prod(ends[n][0] for n in closing)
         for node in opening:
             amounts[node] = Fraction(value) / len(opening)
-        for stage in ([n for n in graded if n not in last], gates, [n for n in graded if n in last]):
+        for stage in ([n for n in between if n not in later], [n for n in between if n in later]):
             after = value
             for node in stage:
                 after = _divided(after * ends[node][1], ends[node][0])
@@ -486,13 +490,9 @@ class Every(Node):
     _hides = "decided by something else: {label}"
 
     def _slopes(self, step: int) -> list[tuple[Node, Exact]]:
-        change = self.change(step)
-        turned = [n for n in self.among if change and n.change(step) == change]
-        return [
-            (node, Fraction(1, len(turned)) if node in turned else 0)
-            for node in self.among
-            if node.moves[step]
-        ]
+        change, moving = self.change(step), [node for node in self.among if node.moves[step]]
+        turned = [node for node in moving if change and node.change(step) == change]
+        return [(node, Fraction(1, len(turned)) if node in turned else 0) for node in moving]
 
 
 class Compared(Node):
@@ -593,15 +593,17 @@ def _divided(value: Exact, by: Exact) -> Exact:
     return found.numerator if found.denominator == 1 else found
 
 
-def _power(base: Exact, power: int) -> Exact:
+def raised(base: Exact, power: int) -> Exact:
+    """A whole power; 0 where it has no value that a score could have."""
     if power == 1:
         return base
     if base == 0:
         return int(power == 0)
-    if abs(power) > _MOST_EXACT and base not in (1, -1):
+    longest = max(base.numerator.bit_length(), base.denominator.bit_length())
+    if longest * abs(power) > _MOST_BITS and base not in (1, -1):
         try:
             return exactly(float(base) ** power)
-        except OverflowError:
+        except ArithmeticError:
             return 0
     return Fraction(base) ** power
 
@@ -616,32 +618,27 @@ def _graded(ends: dict[Node, tuple[Exact, Exact]], before: Exact, after: Exact) 
     if len({ratios[node] for node in changed}) == 1 and not steady:
         shares: dict[Node, Exact] = dict.fromkeys(changed, Fraction(1, len(changed)))
         return {n: _divided((after - before) * shares[n], ends[n][1] - ends[n][0]) for n in changed}
-    mean, logarithms = _logarithmic_mean(before, after, [ratios[node] for node in changed])
+    mean = _logarithmic_mean(before, after)
     slopes: dict[Node, Exact] = {}
     for node in changed:
         first, last = ends[node]
-        amount = after - before if len(changed) == 1 else mean * logarithms[ratios[node]]
+        amount = after - before if len(changed) == 1 else mean * _logarithm(ratios[node])
         slopes[node] = _divided(amount, last - first)
     return slopes | {node: _divided(mean, ends[node][0]) for node in steady}
 
 
-def _logarithmic_mean(
-    before: Exact, after: Exact, ratios: Sequence[Fraction]
-) -> tuple[Exact, dict[Fraction, Exact]]:
-    """The logarithmic mean of two numbers of which the second is the first times all ratios; logarithms."""
-    # In order of size, so that the sum does not depend on the order in which the factors are written.
-    logarithms = {ratio: _logarithm(ratio) for ratio in sorted(set(ratios))}
-    total = Decimal(0)
-    for ratio in sorted(ratios):
-        total = _LOGARITHMS.add(total, logarithms[ratio])
-    # Where the ratios cancel, their sum is 0 but for its last digits.
-    mean = before if before == after else (after - before) / Fraction(total)
-    return mean, {ratio: Fraction(value) for ratio, value in logarithms.items()}
+def _logarithmic_mean(one: Exact, other: Exact) -> Exact:
+    return one if one == other else (other - one) / _logarithm(Fraction(other) / one)
 
 
-def _logarithm(ratio: Fraction) -> Decimal:
+@lru_cache(maxsize=1024)
+def _logarithm(ratio: Fraction) -> Fraction:
+    """The natural logarithm, to 50 digits."""
+    more = ratio - 1
+    if abs(more) < _NEAR_ONE:  # its digits beside the 1 would be cut off; by the series, to twice as many
+        return more - more**2 / 2
     value = _LOGARITHMS.divide(Decimal(ratio.numerator), Decimal(ratio.denominator))
-    return _LOGARITHMS.ln(value)
+    return Fraction(_LOGARITHMS.ln(value))
 
 
 def _turning(ends: dict[Node, tuple[Exact, Exact]], constant: Exact) -> dict[Node, Exact]:

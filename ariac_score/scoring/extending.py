@@ -55,8 +55,11 @@ def path_of_rule_set(name: str, folder: Path, registry: Registry) -> Path:
         return registry.file(GROUP, name).path
     except PluginNotFoundError:
         known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
+        files = (f"{name}{end}" for end in (".yaml", ".yml"))
+        beside = next((file for file in files if (folder / file).is_file()), "")
+        known += "; a path to a .yaml file works too"
         raise UsageError(
-            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+            f"there is no rule set {name!r}", hint=f"did you mean the file {beside!r}?" if beside else known
         ) from None
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_HALF_EVEN, Decimal
+from fractions import Fraction
 from math import prod
 from typing import Annotated, Any, NamedTuple
 
@@ -29,9 +30,11 @@ from ariac_score.scoring.attribution import (
     Node,
     Product,
     Sum,
+    exactly,
     flow,
     priced,
 )
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
 from ariac_score.scoring.worlds import EARNED, KEPT, NOTHING, TAKEN
 from ariac_score.trial.frames import frame
@@ -39,6 +42,8 @@ from ariac_score.trial.frames import frame
 __all__ = ["Ledger", "Line", "make_ledger", "reconcile", "rounded", "taken_by"]
 
 _ROUNDING = "rounding"
+_LOST = "digits that the formula lost"
+"""Amounts are exact and the score is computed in float64, which of a small difference knows few digits."""
 _MOST_LINES = 20_000
 """Beyond so many lines what is left is told in one line each: terms that name each other may be endless."""
 
@@ -119,6 +124,7 @@ def taken_by(ledger: Ledger | None) -> dict[str, Line]:
     return {line.findings[0]: line for line in lines if line.kind == "taken" and len(line.findings) == 1}
 
 
+@in_own_decimals
 def rounded(value: Number, digits: int) -> Decimal:
     """The nearest decimal number with so many digits, halves to even; never a negative zero.
 
@@ -136,6 +142,7 @@ def rounded(value: Number, digits: int) -> Decimal:
     return number.quantize(Decimal(1).scaleb(-digits), rounding=ROUND_HALF_EVEN) + Decimal(0)
 
 
+@in_own_decimals
 def make_ledger(
     tree: Node,
     score: Traced,
@@ -155,8 +162,19 @@ def make_ledger(
         root: Path of the root line.
         undecided: Ids of the findings that were settled by a policy.
     """
-    pieces = _Pieces(tree, findings, frozenset(undecided)).whole(score)
-    return _printed(pieces, root, rounded(score.value, digits), digits)
+    amount = rounded(score.value, digits)
+    try:
+        pieces = _Pieces(tree, findings, frozenset(undecided)).whole(score, digits)
+        return _printed(pieces, root, amount, digits)
+    except OverflowError:
+        raise _too_large(score.label) from None
+
+
+def _too_large(label: str) -> FormulaError:
+    return FormulaError(
+        f"what {label!r} brought or took is too large to be told: more than {LARGEST_INTEGER} points",
+        hint="check the weights of the formulas, and what they divide by",
+    )
 
 
 @dataclass
@@ -201,7 +219,7 @@ class _Pieces:
         self.told: set[str] = set()
         self.priced = priced(tree)
 
-    def whole(self, score: Traced) -> _Piece:
+    def whole(self, score: Traced, digits: int) -> _Piece:
         """The root: what was earned, what was taken, which bounds held, what changed nothing."""
         earned = self._with_children("earned", "earned", self._content(self.tree, _Rate(1, 1), _Rate(1, 1)))
         taken = self._taken()
@@ -209,7 +227,12 @@ class _Pieces:
         neutral = self._neutral()
         if neutral.children:
             children.append(neutral)
-        amount = self.tree.exact[-1]
+        amount = exactly(score.value)
+        lost = amount - self.tree.exact[-1]
+        if (
+            2 * abs(Fraction(lost)) * 10**digits > 1
+        ):  # where nearly equal numbers are subtracted, and divided by
+            children.append(_Piece(_LOST, lost, lost, value=float(lost), slug="lost"))
         return _Piece(
             score.label, amount, amount, "sum", children, value=score.value, trace=_outline(score.children[0])
         )
@@ -226,8 +249,12 @@ class _Pieces:
         """
         if isinstance(node, Named):
             return self._content(node.children[0], earning, given)
-        if isinstance(node, Sum) and not node.constant:
-            made = (self._summand(n, earning.times(by), given.times(by)) for by, n in node.terms)
+        if (
+            isinstance(node, Sum)
+            and not node.constant
+            and not all(isinstance(n, Given) for n in node.children)
+        ):
+            made = (self._summand(by, n, earning.times(by), given.times(by)) for by, n in node.terms)
             return [piece for piece in made if piece is not None]
         if isinstance(node, Product):
             return self._product(node, earning, given)
@@ -239,7 +266,7 @@ class _Pieces:
             return self._leaf(node, earning, given)
         return [*self._base(node, given), *self._moved(node, earning)]
 
-    def _summand(self, node: Node, earning: _Rate, given: _Rate) -> _Piece | None:
+    def _summand(self, by: Exact, node: Node, earning: _Rate, given: _Rate) -> _Piece | None:
         """The line of one summand; `None` where it neither is nor becomes anything."""
         if not node.moves[EARNED] and not (given.nominal and node.exact[NOTHING]):
             return None
@@ -253,6 +280,8 @@ class _Pieces:
             content = self._content(node, earning, given)
         slug = subject.rpartition("/")[2] if isinstance(node, Named) and node.scope else label
         piece = self._with_children(label, slug, content, subject=subject, value=node.numbers[-1])
+        if by < 0:  # what a formula subtracts, for no violation, stands among what was earned
+            piece.label = f"less {label}"
         if len(content) == 1 and content[0].plain:
             (only,) = content
             piece.children, piece.findings, piece.kind = only.children, only.findings, only.kind
@@ -311,20 +340,26 @@ class _Pieces:
         return [*inner, *self._against(node, earning)]
 
     def _carrier(self, node: Product) -> Node | None:
-        """The one factor that is made of others, where nothing in it was earned."""
-        made = [n for n, power in node.factors.items() if power == 1 and not isinstance(n, Leaf | Given)]
-        return made[0] if len(made) == 1 else None
+        """The one factor that adds up things with names, such as orders, where nothing was earned."""
+        sums = [n for n, power in node.factors.items() if power == 1 and isinstance(_unnamed(n), Sum)]
+        named = [n for n in sums if any(isinstance(child, Named) for child in _unnamed(n).children)]
+        return named[0] if len(named) == 1 else None
 
     def _against(self, node: Product, earning: _Rate) -> list[_Piece]:
         """What comparing with other teams brought."""
         if not node.measured_against:
             return []
         amounts = earning.times(node.against())
-        names = list(dict.fromkeys(node.named[n].label for n in node.measured_against))
+        names: dict[str, str] = {}
+        for n in node.measured_against:
+            name, power = node.named[n], node.factors[n]
+            names[name.label] = " / " if name is n and power < 0 else " * "
         value = float(prod(node.factor(n, KEPT) for n in node.measured_against))
         findings = tuple(key for n in node.measured_against for key in _asked(n))
         self.told.update(findings)
-        label = f"times {' * '.join(names)} = {value:.6g}"
+        times = "".join(f"{by}{name}" for name, by in sorted(names.items(), key=lambda each: each[1]))
+        times = times.removeprefix(" * ") if times.startswith(" * ") else f"1{times}"
+        label = f"times {times} = {value:.6g}"
         slug = "_".join(names)
         return [_Piece(label, *amounts, "factor", findings=findings, value=value, slug=slug)]
 
@@ -432,7 +467,15 @@ class _Pieces:
 
     def _bounds(self) -> list[_Piece]:
         return [
-            _Piece(node.label, 0, back, "cap", value=float(node.numbers[-1]), reason="in the rule's price")
+            _Piece(
+                f"{'cap' if node.sign > 0 else 'floor'}: {node.label}",
+                0,
+                back,
+                "cap",
+                value=float(node.numbers[-1]),
+                reason="in the rule's price",
+                slug=node.label,
+            )
             for node, back in self.caps.items()
             if back
         ]
@@ -481,12 +524,17 @@ _WHY = {
     Verdict.NOT_APPLICABLE: "not applicable",
 }
 _NOTHING = {"gate": "violated, but not critical", "charged": "a heavier violation covers it"}
-_UNMEASURED = "measured: its check declares no best value to compare it with"
+_UNMEASURED = "measured: at its best, or its check declares no best value to compare it with"
 _CANCELLED = "what it brought and what it took cancel out"
 
 
 def _subject(node: Node) -> str:
     return node.subject if isinstance(node, Named) else ""
+
+
+def _is_given(node: Node) -> bool:
+    """Whether it is worked out of given numbers alone, such as the time that was left."""
+    return all(isinstance(child, Given) for child in node.children)
 
 
 def _unnamed(node: Node) -> Node:
@@ -557,6 +605,8 @@ def _slug(text: str) -> str:
 
 def _printed(piece: _Piece, path: str, amount: Decimal, digits: int) -> Line:
     """A line and those below it, each rounded once; what that leaves is a line of its own."""
+    if abs(amount) > LARGEST_INTEGER:
+        raise _too_large(piece.label)
     children: list[Line] = []
     taken: set[str] = set()
     for inner in piece.children:
@@ -590,6 +640,7 @@ def _rounded(value: Exact, digits: int) -> Decimal:
     return Decimal(round(value * 10**digits)).scaleb(-digits)
 
 
+@in_own_decimals
 def reconcile(ledger: Ledger, score: Decimal, *, digits: int) -> None:
     """Check that a ledger explains its score, exactly.
 

@@ -12,6 +12,7 @@ from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
 from ariac_score.scoring.cohort import CohortValues, Contribution
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
@@ -32,8 +33,10 @@ class Priced:
         ledger: The score taken apart; `None` unless scored.
         task: The task score taken apart; `None` when the sheet has none, or it is withheld.
         possible: What the trial could have earned with every finding satisfied and every quantity at the
-            best value that its check declares, if it declares one; `None` when that has no value, as when
-            a time to be divided by is not known.
+            best value that its check declares, if it declares one. Facts stay what they are in this trial:
+            nothing says what better ones would be. `None` when that has no value, as when a time to be
+            divided by is not known, and when it is below the score: then the formula pays for something
+            else than what its checks ask for, and what could have been earned is not known.
         assumptions: What was made of undecided findings.
         missing: In words, what the score needs from all teams or what no record states.
     """
@@ -85,6 +88,7 @@ def contribute(
     return Contributed(tuple(values), undecided)
 
 
+@in_own_decimals
 def price(
     findings: Mapping[str, Finding],
     scopes: Scope,
@@ -124,6 +128,8 @@ def price(
     except UnknownFactError as missing:
         return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
     ledger = _zeroed(maker.ledger(sheet.score, score, "score"), assumed, sheet.scored)
+    if possible is not None and possible < ledger.amount:
+        possible = None
     return Priced("scored", ledger, task, possible, assumed.assumptions)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import keyword
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -23,7 +24,9 @@ from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, parse_yaml
 from ariac_score.errors import (
     FormulaError,
+    LocalPluginError,
     PluginError,
+    PluginNotFoundError,
     RuleSetError,
     ScoreError,
     UsageError,
@@ -48,6 +51,7 @@ from ariac_score.scoring.levels import (
     declared_facts,
     facts_as_written,
     no_such_level,
+    other_name,
 )
 from ariac_score.scoring.named import (
     NamedParameter,
@@ -59,7 +63,7 @@ from ariac_score.scoring.named import (
 )
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
-from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.sheet import RESERVED, ScoreSheet
 from ariac_score.scoring.variation import given_monitor, set_number
 
 __all__ = [
@@ -276,7 +280,8 @@ class RuleSet:
             more: Likewise, for names without a point.
 
         Raises:
-            RuleSetError: There is no such name, or its value is of another kind.
+            RuleSetError: There is no such name, its value is of another kind, or the plugin of the check,
+                where it is installed, refuses it.
 
         >>> rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": 0.5})
         >>> rules.checks["separation"].parameters["t1_s"]
@@ -296,10 +301,17 @@ class RuleSet:
                     file=self.file,
                     hint="give another object with 'with_monitor'",
                 )
-            # `np.linspace` gives numbers of numpy, which YAML cannot write.
-            plain = value.item() if isinstance(value, np.generic) else value
-            set_number(data, name, plain, file=self.file)
-        return self._again(data, self.given)
+            set_number(data, str(name), value, file=self.file)
+        changed = self._again(data, self.given)
+        for name, check in changed.checks.items():  # a named number may stand in the parameters of several
+            if check.parameters != self.checks[name].parameters:
+                changed._refuse_parameters(name)
+        return changed
+
+    def _refuse_parameters(self, name: str) -> None:
+        """Refuse parameters that the plugin of a check does not take; not where that is not installed."""
+        with suppress(PluginNotFoundError, LocalPluginError):  # as scoring will say
+            _built(self.checks[name], self.file, partial(self.plugin, name, _installed()))
 
     def with_score(self, formula: str) -> RuleSet:
         """The rule set with another formula for the score, such as `task - 2 * count(near_miss)`.
@@ -311,7 +323,8 @@ class RuleSet:
         >>> load_rule_set("paper2020").with_score("task").expanded["score"]
         'task'
         """
-        return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
+        plain = formula.item() if isinstance(formula, np.generic) else formula
+        return self._again({**deepcopy(dict(self.expanded)), "score": plain}, self.given)
 
     def with_monitor(self, name: str, monitor: object) -> RuleSet:
         """The rule set with a monitor that is given in Python, in place of the check of that name, if any.
@@ -341,6 +354,12 @@ class RuleSet:
         text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
         sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
         return replace(_parsed(replace(document, sha256=sha256)), given=given)
+
+
+@lru_cache(maxsize=1)
+def _installed() -> Registry:
+    """What is installed, looked up once: a sweep changes numbers a thousand times."""
+    return Registry()
 
 
 def _built(check: Check, file: str, find: Callable[[], Plugin]) -> Any:
@@ -610,8 +629,22 @@ def _checks(document: YamlDocument, parameters: Mapping[str, NamedParameter]) ->
                     place=document.place([key, name]),
                     hint="formulas use these names: each must be one thing",
                 )
+            _refuse_reserved(document, key, name)
             checks[name] = _check(document, key, name, body, parameters)
     return checks
+
+
+def _refuse_reserved(document: YamlDocument, key: str, name: str) -> None:
+    """Refuse a check by whose name a formula, or its reader, would take it for something else."""
+    taken = {**RESERVED, "level": document.data["levels"], "word of the language": keyword.kwlist}
+    for what, names in taken.items():
+        if name in names:
+            raise RuleSetError(
+                f"check {name!r} is also the name of a {what}",
+                file=document.file,
+                place=document.place([key, name]),
+                hint=other_name({**RESERVED, "level": document.data["levels"]}),
+            )
 
 
 def _competition(document: YamlDocument) -> Check | None:

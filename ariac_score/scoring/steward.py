@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import DataFileError, FormulaError
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import LARGEST_INTEGER
 from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.scoring.pricing import Priced
@@ -102,6 +103,7 @@ class FiledAdjustment(Adjustment, frozen=True):
     place: str = ""  # type: ignore[misc]
 
 
+@in_own_decimals
 def as_kept(adjustment: Adjustment) -> Adjustment:
     """A decision without the place it was read from: what a result keeps of it."""
     return Adjustment(**{name: getattr(adjustment, name) for name in Adjustment.__struct_fields__})
@@ -135,6 +137,7 @@ def _plain(amount: Decimal, sign: str = "-") -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+@in_own_decimals
 def check_effects(
     adjustments: Sequence[Adjustment], findings: Mapping[str, Finding], priced: frozenset[str], digits: int
 ) -> None:
@@ -204,6 +207,7 @@ def with_verdicts(findings: Mapping[str, Finding], adjustments: Sequence[Adjustm
     }
 
 
+@in_own_decimals
 def adjusted_ledger(
     automatic: Decimal | None,
     findings: Mapping[str, Finding],

@@ -11,9 +11,10 @@ import ast
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from math import isfinite
 from typing import Any
 
-from ariac_score.checks.findings import COUNT, POINTS, Finding
+from ariac_score.checks.findings import COUNT, POINTS, Finding, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.attribution import (
@@ -31,6 +32,7 @@ from ariac_score.scoring.attribution import (
     Product,
     Sum,
     exactly,
+    raised,
     truth,
 )
 from ariac_score.scoring.cohort import CohortValues
@@ -142,16 +144,17 @@ class _Visitor:
     def _of_all_runs(self, dotted: str, own: Node) -> Node:
         """A term over all runs of the team: what this run brings, and the others as one line."""
         pooled = self.names.name(dotted).value
-        others = exactly(pooled) - own.exact[ACTUAL]
-        if not others:
+        if canonical(pooled) == canonical(own.numbers[ACTUAL]):
             return own
+        others = exactly(pooled) - own.exact[ACTUAL]
         step = EARNED if own.moves[EARNED] and not own.moves[TAKEN] else TAKEN
         values = [0 if world <= step else others for world in range(_WORLDS)]
         changed = Changed("runs", tuple(others if each == step else 0 for each in (EARNED, TAKEN)))
         leaf = Leaf(
             "other runs of the team", [float(v) for v in values], [changed], function="runs", exact=values
         )
-        return Sum(dotted, [(1, own), (1, leaf)], [*own.numbers[:ACTUAL], pooled])
+        numbers = [pooled if world > step else own.numbers[world] for world in range(_WORLDS)]
+        return Sum(dotted, [(1, own), (1, leaf)], numbers)
 
     def visit_binop(self, node: ast.BinOp) -> Node:
         left, right, label = self.visit(node.left), self.visit(node.right), text_of(node)
@@ -315,7 +318,7 @@ def _leaf(
         function=actual.op,
         exact=ends,
         gate=actual.op in _GATES,
-        of_trial=True,
+        of_trial=actual.op == "measure",
     )
 
 
@@ -351,6 +354,8 @@ def _numbers(apply: Callable[..., Any], *nodes: Node) -> list[Any]:
             continue
         try:
             value = apply(*arguments)
+            if not isfinite(value):
+                value = 0
         except (ArithmeticError, TypeError, ValueError):
             value = 0
         found.append(int(value) if isinstance(value, bool) else value)
@@ -367,5 +372,5 @@ def _power(base: Number, exponent: Number) -> Number:
 
 def _exact_power(base: Exact, exponent: Exact, number: Number) -> Exact:
     if isinstance(exponent, int) and 0 <= exponent <= _LARGEST_POWER:
-        return base**exponent
+        return raised(base, exponent)
     return exactly(number)

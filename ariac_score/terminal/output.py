@@ -30,12 +30,12 @@ __all__ = [
 def write(text: str, file: str | PathLike[str] | None) -> None:
     """Print the text, or write it to a file that is either complete or absent.
 
-    A link keeps pointing where it did; a device or pipe is written to, not replaced.
+    A link keeps pointing where it did; a device or pipe is written to, not replaced. The file `-` is stdout.
 
     Raises:
         UsageError: The file cannot be written.
     """
-    if file is None:
+    if file is None or str(file) == "-":
         try:
             sys.stdout.write(text)
             sys.stdout.flush()

@@ -16,7 +16,7 @@ from ariac_score.errors import PluginError
 
 __all__ = ["SECTIONS", "ContractCheck", "ContractError", "origin_of", "snapshot", "undocumented"]
 
-HINT = "see ariac_score.checks.contracts and docs/write-a-monitor.md"
+HINT = "the contracts are in the docstrings of ariac_score.checks.contracts"
 
 
 class ContractError(PluginError):

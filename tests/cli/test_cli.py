@@ -99,7 +99,7 @@ def test_version_and_help_need_neither_numpy_nor_rosbags_nor_plugins() -> None:
 def test_every_command_that_help_lists_says_how_it_is_used(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    listed = re.findall(r"^    (\w+)", capsys.readouterr().out, re.MULTILINE)
+    listed = re.findall(r"^  (\w+) ", capsys.readouterr().out, re.MULTILINE)
 
     assert "score" in listed
     for name in listed:

@@ -119,7 +119,7 @@ def test_a_trace_cut_in_a_line_is_refused_at_its_place(
         (["run", "SPEC", "SPEC", "--events", "bag"], 6, "spec.rml"),
         (["run", "missing.rml", "SPEC"], 4, "missing.rml: the specification cannot be read"),
         (["check", "missing.rml"], 4, "missing.rml"),
-        (["run", "SPEC", "SPEC", "--events", "csv"], 4, "invalid choice"),
+        (["run", "SPEC", "SPEC", "--events", "csv"], 4, "--events cannot be 'csv'"),
     ],
     ids=range(6),
 )

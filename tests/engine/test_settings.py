@@ -227,7 +227,7 @@ def test_an_edited_setting_is_found_with_the_log(result: Result, tmp_path: Path)
     at = next(i for i, one in enumerate(kept["separation"].parameters) if one.name == "max_gap_s")
     changed = list(kept["separation"].parameters)
     changed[at] = structs.replace(changed[at], value=0.5)
-    kept["separation"] = replace(kept["separation"], parameters=tuple(changed))
+    kept["separation"] = structs.replace(kept["separation"], parameters=tuple(changed))
     file = tmp_path / "edited.json"
     file.write_text(as_json(replace(result, measured=replace(result.measured, settings=kept))))
 
@@ -251,7 +251,7 @@ def test_settings_that_are_not_those_of_the_rules_are_found_without_the_log(
 ) -> None:
     kept = dict(result.measured.settings or {})
     edited = tuple(change(one) if one.name == name else one for one in kept["separation"].parameters)
-    kept["separation"] = replace(kept["separation"], parameters=edited)
+    kept["separation"] = structs.replace(kept["separation"], parameters=edited)
     file = tmp_path / "edited.json"
     file.write_text(as_json(replace(result, measured=replace(result.measured, settings=kept))))
 

@@ -21,6 +21,11 @@ def page_of(path: Path, rules: str, folder: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
+def exact(page: str) -> str:
+    """A page with every amount as exact as its title says it."""
+    return re.sub(r'<data value="[^"]*" title="exactly ([^"]*)">[^<]*</data>', r"\1", page)
+
+
 def seen(page: str) -> str:
     """What a reader sees: no scripts, styles or marks, and the minus of typographers as that of programs."""
     text = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
@@ -38,10 +43,23 @@ def seen(page: str) -> str:
 def test_a_page_shows_the_amounts_derived_by_hand(
     guest: str, recording: str, rules: str, amounts: list[str], guests: Path, tmp_path: Path
 ) -> None:
-    text = seen(page_of(guests / guest / "recording" / recording, rules, tmp_path))
+    text = seen(exact(page_of(guests / guest / "recording" / recording, rules, tmp_path)))
 
     for amount in amounts:
         assert amount in text
+
+
+def test_what_a_run_lost_by_its_time_alone_is_named_though_no_rule_was_broken(
+    guests: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = seen(page_of(guests / "barn/recording/world_42", "barn", tmp_path))
+
+    assert re.search(r"Had this been right .* navigation check navigation#1 \+0.19\b", text)
+    capsys.readouterr()
+    assert main(["score", str(guests / "barn/recording/world_42"), "--rules", "barn"]) == 0
+    _, losses = capsys.readouterr().out.split("What cost points\n")
+    assert losses.startswith("  navigation#1 ")
+    assert losses.splitlines()[0].endswith("(-0.187492)")
 
 
 def test_a_page_calls_the_work_what_the_competition_calls_it(guests: Path, tmp_path: Path) -> None:
@@ -86,7 +104,7 @@ def test_a_page_names_a_trial_as_the_competition_does(guests: Path, tmp_path: Pa
 def test_the_points_of_an_item_say_what_was_earned_and_what_was_taken_there(
     guests: Path, tmp_path: Path
 ) -> None:
-    text = seen(page_of(guests / "robocup_work/recording/bmt_1", "robocup_work.bmt_2024", tmp_path))
+    text = seen(exact(page_of(guests / "robocup_work/recording/bmt_1", "robocup_work.bmt_2024", tmp_path)))
 
     # Grasped for 100; the loss, -95.137998, in the README of the guest.
     assert "4.862002 points (100 earned, 95.137998 taken)" in text

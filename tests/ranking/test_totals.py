@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from decimal import Decimal
+from decimal import Decimal, localcontext
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,12 @@ def ranked(root: Path, total: str) -> dict[str, float]:
 
 
 # Ours -----------------------------------------------------------------------------------
+
+
+def test_a_ranking_is_the_same_whatever_context_decimals_have(tmp_path: Path) -> None:
+    with localcontext() as context:
+        context.prec = 3  # in which no score of six decimals can be rounded at all
+        assert ranked(tmp_path, "sum") == {"alpha": 6, "beta": 6, "gamma": 8}
 
 
 @pytest.mark.parametrize(

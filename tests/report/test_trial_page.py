@@ -67,6 +67,11 @@ class _Tags(HTMLParser):
         return [value for _, attrs in self.tags if (value := attrs.get(attribute)) is not None]
 
 
+def _exact(page: str) -> str:
+    """A page with every number as exact as its title says it."""
+    return re.sub(r'<data value="[^"]*" title="exactly ([^"]*)">[^<]*</data>', r"\1", page)
+
+
 def _page(result: Result) -> str:
     return trial_page(result, as_json(result))
 
@@ -207,8 +212,8 @@ def test_a_decision_of_a_steward_stands_on_top_and_the_automatic_score_beside_it
 
     # Without its one breach the example is worth its 28 task points.
     assert '<span class="score" id="score">28</span>' in text
-    assert "automatic score 19.761677 of 36 possible" in text
-    assert "+8.238323" in text
+    assert "automatic score 19.761677 of 36 possible" in _exact(text)
+    assert "8.238323" in _exact(text)
     assert "How the automatic score came about" in text
     assert "&lt;b&gt;A. Steward&lt;/b&gt;" in text
     assert "a marshal had \\u202eknocked over the camera" in text
@@ -220,7 +225,7 @@ def test_a_disqualified_trial_says_so_first(tmp_path: Path, example: Result) -> 
     text = _page(_adjusted(tmp_path, example, disqualified=True))
 
     assert ">Disqualified<" in text
-    assert "automatic score 19.761677" in text
+    assert "automatic score 19.761677" in _exact(text)
 
 
 def test_a_trial_nobody_decided_about_has_no_decisions(example: Result) -> None:
@@ -263,9 +268,24 @@ def test_any_text_survives_being_embedded(text: str) -> None:
     assert embedded_result(block) == stored
 
 
-def test_without_output_the_page_goes_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", str(RESULT)]) == 0
+def test_a_page_goes_to_stdout_where_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(RESULT), "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("<!DOCTYPE html>")
+
+
+def test_a_page_that_nobody_names_has_the_name_of_its_result_and_takes_no_other_files_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    assert main(["report", str(RESULT)]) == 0
+    assert capsys.readouterr() == ("", "open kitting_near_miss.html\n")
+    assert main(["report", "-q", str(RESULT)]) == 0  # its own page may be made again
+    assert capsys.readouterr() == ("", "")
+    Path("kitting_near_miss.html").write_text("<p>notes of mine</p>")
+    assert main(["report", str(RESULT)]) == 4
+    assert "no page of a trial" in capsys.readouterr().err
+    assert Path("kitting_near_miss.html").read_text() == "<p>notes of mine</p>"
 
 
 @pytest.mark.parametrize(
@@ -547,3 +567,23 @@ def test_ticks_are_round_and_lie_within(low: float, length: float, most: int) ->
 @given(st.floats(-1e6, 1e6))
 def test_a_place_is_always_on_the_drawing(value: float) -> None:
     assert 0 <= Scale(0.5, 38.0).at(value) <= 100
+
+
+def test_distances_are_headed_by_the_kinds_of_the_bodies_they_are_between() -> None:
+    result = PAGES.example()
+    sketch = result.measured.sketch
+    curve = sketch.curves[0]
+    routes = tuple(
+        DrawnPath(body, kind, (0.0,), (0.0,), (0.0,)) for body, kind in (("quad", "drone"), ("ann", "walker"))
+    )
+
+    def heading(*subjects: str) -> str:
+        curves = tuple(replace(curve, subject=subject) for subject in subjects)
+        drawn = replace(sketch, curves=curves, routes=routes)
+        shown = replace(result, measured=replace(result.measured, sketch=drawn))
+        page = trial_page(shown, as_json(shown))
+        return re.findall(r'<h2 id="separation-h"><bdi>(.*?)</bdi>', page)[0]
+
+    assert heading("quad/ann") == "Separation of drone and walker"
+    assert heading("quad/bob") == "Separation of drone and bob"  # the plan does not show him
+    assert heading("quad/ann", "quad/quad") == "Separation"

@@ -10,15 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score import as_json, load_result, load_rule_set
+from ariac_score import as_json, load_result, load_rule_set, score_trial
 from ariac_score.batch.index import checked_rows
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.publication import PUBLICATION, load_publication
+from ariac_score.report.html.trial import trial_page
 from ariac_score.results.cohort_file import load_cohort
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.verify import verify_result
+from ariac_score.scoring.ruleset import rule_set_from_text
 
 BEFORE = Path(__file__).parents[1] / "data/before"
 
@@ -63,6 +65,55 @@ def test_a_ledger_of_the_former_method_is_kept_and_only_its_sum_compared(name: s
     assert load_result(tmp_path / "r.json") == result
     again = outcomes(tmp_path / "r.json")
     assert (again["bytes"], again["ledger"]) == ("ok", "note")
+
+
+@pytest.mark.parametrize("name", ["sketch_1.json", "sketch_2.json"])
+def test_what_was_asked_for_and_handed_in_is_drawn_as_of_the_same_log_today(
+    name: str, tmp_path: Path
+) -> None:
+    former = load_result(BEFORE / name)
+    rules = rule_set_from_text(former.rules, file=name)
+    today = score_trial(BEFORE / "sketch.jsonl", rules)
+    then, now = former.measured.sketch, today.measured.sketch
+
+    assert then is not None
+    assert now is not None
+    assert former.score == today.score == 10
+    assert [(one.path, one.level) for one in then.asked] == [(one.path, one.level) for one in now.asked]
+    assert [one.words for one in then.asked] == [
+        *("", "kitting, agv2", "pump_red", "sensor_blue"),  # an order, its kit, the parts of that
+        *("", "assembly, as3", "battery_green"),
+    ]
+    assert [(one.item, one.submitted_s, one.contents) for one in then.brought] == [
+        ("kit_1", 5.0, ("pump_red", "sensor_red")),
+        ("asm_1", 8.0, None),
+    ]
+    assert [(one.item, one.submitted_s, one.contents) for one in now.brought] == [
+        (one.item, one.submitted_s, one.contents) for one in then.brought
+    ]
+    page = trial_page(former, as_json(former))
+    assert all(word in page for word in ("sensor_blue", "sensor_red", "battery_green", "as3"))
+    (tmp_path / name).write_text(as_json(former), encoding="utf-8")
+    assert load_result(tmp_path / name) == former
+
+
+@pytest.mark.parametrize(
+    ("damage", "cause"),
+    [
+        ({"asked": [{"order": "AAAA0001"}]}, "task"),
+        ({"asked": 5}, "breaks the format ariac-score/result/2"),
+        ({"brought": [{"task": "kit_1", "submitted_s": "noon", "parts": None}]}, "submitted_s"),
+    ],
+)
+def test_a_damaged_sketch_of_the_version_before_is_refused(
+    damage: dict[str, object], cause: str, tmp_path: Path
+) -> None:
+    stored = json.loads((BEFORE / "sketch_2.json").read_text(encoding="utf-8"))
+    stored["measured"]["sketch"].update(damage)
+    (tmp_path / "r.json").write_text(json.dumps(stored), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=cause):
+        load_result(tmp_path / "r.json")
 
 
 @pytest.mark.parametrize(

@@ -239,15 +239,16 @@ def test_ranks_that_stay_are_said_to(competition: Path, capsys: pytest.CaptureFi
 
     assert main(["sensitivity", str(competition), "--rules", str(competition / "rules.yaml")]) == 0
     out = capsys.readouterr().out
-    assert "price = 0.0005, varied from 0 to 0.0009 (declared)\n    ranks do not change in this range" in out
+    head = "price = 0.0005, varied from 0 to 0.0009 (declared)"
+    assert f"{head}\n    ranks stay as published in this range" in out
 
 
 def test_the_text_names_value_and_teams(competition: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sensitivity", str(competition), "--rules", str(competition / "rules.yaml")]) == 0
     out = capsys.readouterr().out
 
-    assert "ranks change at 0.001" in out
-    assert "beta 2 -> 1" in out
+    assert "from 0.001: " in out
+    assert "beta has rank 1 (published: rank 2)" in out
     assert "cost_weight = 1: the score does not use it" in out
 
 

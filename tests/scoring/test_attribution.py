@@ -22,6 +22,7 @@ import pytest
 
 from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import Measure, Role
+from ariac_score.errors import FormulaError
 from ariac_score.scoring.attribution import (
     Changed,
     Choice,
@@ -299,6 +300,9 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
         ("max(6, 10 - 3 * count(x) * count(y))", None, 0),
         ("max(0, 1 if count(x) < 2 else -3)", None, 0),
         ("1 if max(0, 10 - 3 * count(x)) > 0 else 0", None, 0),
+        ("max(0, 10 - points(w) * count(x) * count(y))", None, 0),
+        ("max(2, 5 * points(w) / (1 + count(x)))", None, 0),
+        ("max(9, 20 * points(w) * (cohort.mean / measure(own, q)) - 3 * count(x))", None, 0),
         ("max(0, 10 - 3 * count(x)) if holds(y) else max(0, 9 - 3 * count(x))", None, 0),
         ("min(10 - 3 * count(x), 9 - 3 * count(x))", None, 0),
     ],
@@ -309,8 +313,16 @@ def test_a_price_beside_an_amount_is_one_that_the_rule_has(
     deep = {"time_in_violation_s": 1.0, "relative_depth_integral_s": 0.5}
     case = Case(
         formula,
-        [*(found("x", V, i, **deep) for i in range(4)), *times("y", 1), *times("w", 1, S)],
+        [
+            *(found("x", V, i, **deep) for i in range(4)),
+            *times("y", 1),
+            *times("w", 1, S),
+            found("own", S, q=2.0),
+        ],
         parameters={"k": 0.4},
+        measures={"own": best()},
+        cohort=CohortValues("", {"mean": {"": 1.0}}),
+        cohort_terms={"mean": CohortTerm("mean", "trial", Expression.parse("1"))},
     )
     lines = list(case.ledger.walk())
     taken = [line for line in lines if line.kind == "taken" and line.findings]
@@ -567,6 +579,119 @@ def test_shared_terms_cost_no_more_than_once() -> None:
 # What a ledger says --------------------------------------------------------------------
 
 
+def test_a_floor_that_was_just_reached_and_never_held_stands_nowhere() -> None:
+    # 2 at first is the floor as well as the number above it; the number is what there is.
+    ledger = Case("max(2, 2 + points(x))", times("x", 3, S)).ledger
+
+    assert told(ledger)["score/earned/2"] == "2"
+    assert told(ledger)["score/earned/points_x"] == "3"
+    assert all(line.nominal is None and line.kind != "cap" for line in ledger.walk())
+
+
+def test_a_branch_that_was_left_tells_what_it_held_and_who_left_it() -> None:
+    # 5 at first; x turns it to 7 as y was then, and y brings 2 to the new branch.
+    case = Case("5 if points(x) < 1 else 7 + points(y)", [*times("x", 1, S), *times("y", 2, S)])
+    lines = told(case.ledger)
+
+    assert lines["score/earned"] == "9"
+    assert (lines["score/earned/5"], lines["score/earned/0"], lines["score/earned/points_y"]) == (
+        "5",
+        "2",
+        "2",
+    )
+
+
+def test_only_what_moved_pays_for_a_condition_that_was_turned() -> None:
+    # k was true all along: b alone turned it, and pays all.
+    made = [*times("a", 1, S), *times("b", 2)]
+    case = Case("6 if k and holds(a) and holds(b) else 0", made, parameters={"k": 1})
+
+    assert case.taken == {"b#0": -3, "b#1": -3}
+
+
+def test_what_moves_beside_those_that_turned_a_condition_pays_nothing() -> None:
+    # From 0 to 1 and back: of two violations one is made up for, so this part never turned; b did.
+    formula = "6 if (violated(x) - violated(y) + 1) and holds(b) else 0"
+    case = Case(formula, [*times("x", 1), *times("y", 1), *times("b", 1)])
+
+    assert {key: by for key, by in case.taken.items() if by} == {"b#0": -6}
+
+
+def test_a_quantity_of_several_findings_starts_at_the_best_of_each() -> None:
+    # Two factors that would be 1 at best, so 2 together: of 10 - 4 the one at 3 took its 2.
+    case = Case(
+        "10 - measure(x, q)", [found("x", S, 0, q=1.0), found("x", S, 1, q=3.0)], measures={"x": best(1.0)}
+    )
+
+    assert case.tree.exact == (8, 8, 6)
+    assert case.taken == {"x#1": -2}
+
+
+def test_findings_stand_in_the_order_of_their_numbers() -> None:
+    made = sorted([*times("x", 12), *times("y", 12, S)])  # as texts: x#0, x#1, x#10, x#11, x#2 …
+    ledger = Case("20 - count(x) - 0 * count(y)", made).ledger
+    (taken,) = [line for line in ledger.walk() if line.path == "score/taken/x"]
+    (kept,) = [line for line in ledger.walk() if line.path == "score/neutral/y"]
+
+    assert [line.findings[0] for line in taken.children] == [f"x#{i}" for i in range(12)]
+    assert list(kept.findings) == [f"y#{i}" for i in range(12)]
+
+
+def test_what_a_formula_subtracts_for_no_violation_says_less() -> None:
+    case = Case("points(x) - 0.1 * trial.duration_s", times("x", 8, S))  # of 60 s
+    line = next(line for line in case.ledger.walk() if "duration_s" in line.path)
+
+    assert (line.label, line.amount, line.path) == (
+        "less 0.1 * trial.duration_s",
+        -6,
+        "score/earned/0.1_trial.duration_s",
+    )
+
+
+@pytest.mark.parametrize(
+    ("formula", "label"),
+    [
+        # A gate, or a number that penalties are subtracted from, earned nothing: the whole product did.
+        ("holds(x) * trial.duration_s / 12", "holds(x) * trial.duration_s / 12"),
+        ("12 * (1 - 0.1 * count(x))", "12 * (1 - 0.1 * count(x))"),
+        ("12 * (1 if holds(x) else 0.5)", "12 * (1 if holds(x) else 0.5)"),
+        # What is worked out of given numbers is one number.
+        ("bonus * holds(x)", "bonus * holds(x)"),
+        ("bonus + points(y)", "bonus"),
+    ],
+)
+def test_what_was_given_stands_under_the_name_of_the_whole(formula: str, label: str) -> None:
+    made = [*times("x", 1, S), found("y", S)]
+    case = Case(formula, made, trial={"bonus": "trial.duration_s - 10"})
+    (earned,) = [line for line in case.ledger.walk() if line.path == "score/earned"]
+
+    assert earned.children[0].label == label
+    assert not earned.children[0].children
+
+
+def test_orders_are_told_one_by_one_though_a_gate_stands_before_their_sum() -> None:
+    terms = {"value": "3 + order.index"}
+    case = Case("gate(x) * sum(order.value)", times("x", 1, S), scopes=order(1, 1), order=terms)
+
+    assert told(case.ledger)["score/earned/o0"] == "3"
+    assert told(case.ledger)["score/earned/o1"] == "4"
+
+
+def test_a_bound_says_whether_it_is_a_cap_or_a_floor() -> None:
+    bounds = {
+        line.label
+        for formula in ("max(0, 1 - count(x))", "min(1, 3 - count(x) / 2)", "clip(9 - 4 * count(x), 0, 5)")
+        for line in Case(formula, times("x", 3)).ledger.walk()
+        if line.kind == "cap"
+    }
+
+    assert bounds == {
+        "floor: max(0, 1 - count(x))",
+        "cap: min(1, 3 - count(x) / 2)",
+        "floor: clip(9 - 4 * count(x), 0, 5)",
+    }
+
+
 def test_a_ledger_shows_every_subtrahend() -> None:
     case = Case("100 - 2 * count(x) - 3 * count(y)", [*times("x", 2), *times("y", 1)])
 
@@ -632,6 +757,133 @@ def test_pooled_runs_are_shared_between_this_run_and_the_others() -> None:
 
     assert told(case.ledger)["score/taken/x#0"] == "-20"
     assert told(case.ledger)["score/taken/runs"] == "-60"
+
+
+def test_other_runs_that_only_brought_points_are_shared_where_points_are_earned() -> None:
+    # This run has 1 point, the team 9.5. From 0.9 ** 0 = 1 to 0.9 ** 9.5, in proportion 1 to 8.5.
+    case = Case(
+        "0.9 ** runs.pooled",
+        [*times("x", 1, S), found("bump", S)],
+        trial={"pooled": "0.5 * count(bump) + points(x)"},
+        cohort=CohortValues("", {"runs.pooled": {"": 9.5}}),
+    )
+    lines, lost = told(case.ledger), 1 - 0.9**9.5
+
+    assert float(lines["score/earned"]) == float(lines["score"]) == pytest.approx(1 - lost, abs=1e-6)
+    own, others = "score/earned/runs.pooled/pooled", "score/earned/runs.pooled/other_runs_of_the_team"
+    assert float(lines[own]) == pytest.approx(-lost / 9.5, abs=1e-6)
+    assert float(lines[others]) == pytest.approx(-lost * 8.5 / 9.5, abs=1e-6)
+    reconcile(case.ledger, case.ledger.amount, digits=6)
+
+
+def test_a_pooled_sum_of_this_run_alone_has_no_other_runs() -> None:
+    # The pooled number is a float of many digits, and that of this run the same: nothing is left for others.
+    case = Case(
+        "1 - runs.demerits",
+        [found("x", V, i, q=0.1) for i in range(3)],
+        measures={"x": best(role="penalty")},
+        trial={"demerits": "measure(x, q)"},
+        cohort=CohortValues("", {"runs.demerits": {"": 0.1 + 0.1 + 0.1}}),
+    )
+
+    assert "score/taken/runs" not in told(case.ledger)
+
+
+def test_digits_that_a_difference_lost_are_a_line_of_their_own() -> None:
+    # 1 / (1 - 1.0000002) is -5 000 000; in float64 the difference has ten digits only.
+    case = Case("1 / (1 - measure(x, q))", [found("x", V, q=1.0000002)], measures={"x": best(role="factor")})
+    lines = told(case.ledger)
+
+    assert lines["score/taken/x#0"] == "-5000000"
+    assert lines["score"] == "-5000000.002632"
+    assert lines["score/lost"] == "-0.002632"
+    assert not [line for line in case.ledger.walk() if line.kind == "rounding"]
+    reconcile(case.ledger, case.ledger.amount, digits=6)
+
+
+def test_a_score_without_lost_digits_has_no_line_for_them() -> None:
+    # 0.1 + 0.2 is 0.30000000000000004 in float64: far below the digits of a score.
+    assert "score/lost" not in told(Case("0.1 + 0.2 + count(x)", times("x", 1), digits=9).ledger)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "100 ** 10 * holds(x)",  # 1e20 with nothing wrong, 0 as it was
+        "(100 ** 10 * holds(x)) ** 10",
+        "1e15 * 1e15 * holds(x)",
+    ],
+)
+def test_an_amount_too_large_to_be_told_is_refused_with_its_place(formula: str) -> None:
+    case = Case(formula, times("x", 1))
+
+    assert case.score == 0
+    with pytest.raises(FormulaError, match=r"what '(earned|score)' brought or took is too large to be told"):
+        case.priced()
+
+
+def test_what_has_no_finite_value_in_a_world_is_nothing_there() -> None:
+    # With nothing wrong it would be beyond float64; as it was it is 2.
+    case = Case("abs(1e15 ** (21 * holds(x)) * 10 ** (9 * holds(x))) + count(x)", times("x", 1))
+
+    assert (case.score, float(case.tree.exact[TAKEN + 1])) == (2, 2)
+    assert told(case.ledger)["score"] == "2"
+
+
+def test_ratios_that_are_nearly_one_are_told_apart_from_one() -> None:
+    # x from 3 to 3 + 3e-130 and y from 2 to 5: L(6, 15) = 9 / ln 2.5 for each unit of the logarithms.
+    x = Leaf("x", (3.0, 3.0), [Changed("x", (Fraction(3, 10**130),))], exact=(3, 3 + Fraction(3, 10**130)))
+    shared = amounts(Product("x * y", [(x, 1), (_leaf("y", 2, 5), 1)], (6, 15)), 0)
+
+    assert float(shared["x"] * 10**130) == pytest.approx(9 / math.log(2.5), rel=1e-12)
+    assert float(shared["y"]) == pytest.approx(9)
+
+
+def test_factors_that_all_but_cancel_have_amounts() -> None:
+    # x from 1 to 2 and y from 1 to (1 + 1e-90) / 2: L is 1, so ln 2 and -ln 2.
+    half = (1 + Fraction(1, 10**90)) / 2
+    y = Leaf("y", (1.0, 0.5), [Changed("y", (half - 1,))], exact=(1, half))
+    shared = amounts(Product("x * y", [(_leaf("x", 1, 2), 1), (y, 1)], (1, 1)), 0)
+
+    assert float(shared["x"]) == pytest.approx(math.log(2), rel=1e-15)
+    assert float(shared["y"]) == pytest.approx(-math.log(2), rel=1e-15)
+
+
+def test_comparing_with_other_teams_comes_after_what_was_earned() -> None:
+    # 2 given and 3 earned are 5, and half of that: 2.5 of 5, not of what stood before.
+    case = Case(
+        "(2 + points(x)) * (cohort.cost / measure(own, q))",
+        [*times("x", 3, S), found("own", S, q=2.0)],
+        measures={"own": best()},
+        cohort=CohortValues("", {"cost": {"": 1.0}}),
+        cohort_terms={"cost": CohortTerm("cost", "trial", Expression.parse("1"))},
+    )
+    (line,) = [line for line in case.ledger.walk() if line.kind == "factor"]
+
+    assert (line.amount, line.label) == (Decimal("-2.5"), "times cohort.cost / measure(own, q) = 0.5")
+    assert [float(case.earned[f"x#{i}"]) for i in range(3)] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("formula", "label"),
+    [
+        # 60 and 50: a gate and penalties that are at their best are no comparison.
+        ("points(x) * gate(g) * (cohort.cost / measure(own, q))", "cohort.cost / measure(own, q) = 1.2"),
+        ("points(x) / (1 + count(g)) * cohort.cost / measure(own, q)", "cohort.cost / measure(own, q) = 1.2"),
+        ("points(x) / measure(own, q) / cohort.cost", "1 / measure(own, q) / cohort.cost = 0.000333333"),
+        ("points(x) * measure(own, q) / cohort.cost", "measure(own, q) / cohort.cost = 0.833333"),
+    ],
+)
+def test_a_comparison_names_what_it_compares_and_no_gate_beside_it(formula: str, label: str) -> None:
+    case = Case(
+        formula,
+        [*times("x", 3, S), *times("g", 2, S), found("own", S, q=50.0)],
+        measures={"own": best()},
+        cohort=CohortValues("", {"cost": {"": 60.0}}),
+        cohort_terms={"cost": CohortTerm("cost", "trial", Expression.parse("1"))},
+    )
+
+    assert [line.label for line in case.ledger.walk() if line.kind == "factor"] == [f"times {label}"]
 
 
 def test_what_compares_with_other_teams_is_a_line_of_its_own() -> None:

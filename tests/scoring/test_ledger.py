@@ -486,6 +486,33 @@ def test_a_rounding_line_can_move_no_more_than_rounding_can(moved: str, allowed:
             reconcile(line, line.amount, digits=6)
 
 
+@pytest.mark.parametrize(("moved", "allowed"), [("4.000003", True), ("4.000004", False)])
+def test_of_a_large_number_rounding_moves_what_float64_does_not_know(moved: str, allowed: bool) -> None:
+    # 2 ** -48 of 2 ** 50 is 4, beside the (2 + 1) units of two lines.
+    amount = Decimal(2) ** 50
+    lines = (
+        Line("score/a", "a", "amount", amount - Decimal(moved), 1),
+        Line("score/rounding", "rounding", "rounding", Decimal(moved), float(moved)),
+    )
+    line = Line("score", "score", "sum", amount, 1, children=lines)
+
+    if allowed:
+        reconcile(line, amount, digits=6)
+    else:
+        with pytest.raises(ResultError, match="rounding cannot move"):
+            reconcile(line, amount, digits=6)
+
+
+def test_rounding_lines_that_cancel_are_refused_all_the_same() -> None:
+    lines = (
+        Line("score/a", "a", "amount", Decimal(1), 1),
+        *(Line(f"score/r{by}", "rounding", "rounding", Decimal(by), by) for by in (3, -3)),
+    )
+
+    with pytest.raises(ResultError, match="rounding cannot move 6"):
+        reconcile(Line("score", "score", "sum", Decimal(1), 1, children=lines), Decimal(1), digits=6)
+
+
 def test_a_line_taken_out_or_added_is_refused() -> None:
     with pytest.raises(ResultError, match="its lines add up to"):
         reconcile(replace(LEDGER, children=LEDGER.children[1:]), LEDGER.amount, digits=6)

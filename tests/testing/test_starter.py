@@ -204,7 +204,7 @@ def test_a_kind_that_does_not_exist_is_a_usage_error(capsys: pytest.CaptureFixtu
         main(["new", "judge", "fair.play"])
 
     assert left.value.code == 4
-    assert "invalid choice: 'judge'" in capsys.readouterr().err
+    assert "kind cannot be 'judge'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

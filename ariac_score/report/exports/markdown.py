@@ -20,6 +20,7 @@ from ariac_score.report.exports.facts import (
     unrecorded,
     when,
 )
+from ariac_score.report.summary import summary_of
 from ariac_score.report.text import amount_text
 from ariac_score.report.words import capital, words_of
 from ariac_score.results.result import Result
@@ -44,6 +45,7 @@ def markdown_text(result: Result) -> str:
             f"{trial} {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set.id)}: "
             f"{escaped(result.rule_set_title)}"
         ],
+        [escaped(summary_of(result))],
         list(_adjustments(result)),
         list(_ledger(result)),
         list(_found(result, Verdict.VIOLATED, "What was violated")),

@@ -63,6 +63,8 @@ def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment
         brief=wording.brief,
         file_name=wording.file_name,
         number=wording.number,
+        points=wording.points,
+        round_to=wording.round_to,
         seconds=wording.seconds,
         untrusted=wording.untrusted,
     )

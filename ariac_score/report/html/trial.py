@@ -14,14 +14,22 @@ from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
+from ariac_score.report.html.parts import parts_of
 from ariac_score.report.html.plan import plan_of
-from ariac_score.report.html.timeline import timeline_of
+from ariac_score.report.html.replay import replay_of
+from ariac_score.report.html.scale import Scale
+from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
+from ariac_score.report.places import Places
+from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
 from ariac_score.results.result import Result
+from ariac_score.results.sketch import Sketch
 from ariac_score.review.lost_points import recoverable_losses
+from ariac_score.review.task_and_safety import task_and_safety
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
@@ -37,6 +45,7 @@ _ESCAPED = re.compile(r"((?<!\\)(?:\\\\)*)\\u003c")
 _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result">\n(.*?)</script>', re.DOTALL)
 
 
+@in_own_decimals
 def trial_page(result: Result, stored: str, home: str = "") -> str:
     """The page of a trial: one file that needs nothing else.
 
@@ -51,13 +60,18 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     ledger = result.ledger or result.task
     falls = waterfall_of(ledger, findings) if ledger else None
     sketch = measured.sketch
-    charts, omitted = _charts(result)
+    axis = axis_of(result)
+    charts, omitted = _charts(result, axis)
     losses = recoverable_losses(result, rule_set)
     words, idle = words_of(result), _idle(result, monitors)
+    split = task_and_safety(result, rule_set)
     return page(
         "trial.html.j2",
-        script=shipped("zoom.js"),
+        script=shipped("times.js") + shipped("replay.js"),
         home=home,
+        summary=summary_of(result, rule_set),
+        parts=parts_of(result, split) if split else None,
+        places=Places(result),
         result=result,
         measured=measured,
         stored=stored,
@@ -69,7 +83,10 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         chart_words=_chart_words,
         policies=POLICIES,
         losses=losses[:MOST_LOSSES],
-        timeline=timeline_of(result, monitors),
+        loss_decimals=min(result.digits, 2),
+        timeline=timeline_of(result, monitors, axis),
+        axis=axis,
+        replay=replay_of(result, axis),
         charts=charts,
         omitted=omitted,
         plan=plan_of(sketch, findings) if sketch else None,
@@ -78,7 +95,7 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         words=words,
         capital=capital,
         period=words.period,
-        series_heading=_series_heading(charts),
+        series_heading=_series_heading(charts, sketch),
         shown=_shown(result, words, charts, idle),
         panels=panels_of(result),
         groups=_groups(result, monitors),
@@ -150,9 +167,14 @@ def _shown(
     return frozenset(name for name, something in sections.items() if something)
 
 
-def _series_heading(charts: list[Chart]) -> str:
+def _series_heading(charts: list[Chart], sketch: Sketch | None) -> str:
+    """What the charts show; distances by the kinds of bodies that they are between, where these are alike."""
     distances = all("distance" in c.curve.what or "separation" in c.curve.what for c in charts)
-    return "Separation of robot and human" if charts and distances else "Measured over time"
+    if not charts or not distances:
+        return "Measured over time"
+    kinds = {route.body: route.kind for route in sketch.routes} if sketch else {}
+    between = {tuple(kinds.get(body, body) for body in c.curve.subject.split("/")) for c in charts}
+    return f"Separation of {' and '.join(between.pop())}" if len(between) == 1 else "Separation"
 
 
 def _idle(result: Result, monitors: list[str]) -> dict[str, list[str]]:
@@ -178,7 +200,7 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     return list(zip(decided, moved or [None] * len(decided), strict=True))
 
 
-def _charts(result: Result) -> tuple[list[Chart], int]:
+def _charts(result: Result, axis: Scale | None) -> tuple[list[Chart], int]:
     """The charts, those with the worst margins first, and how many were left out."""
     sketch = result.measured.sketch
     if sketch is None:
@@ -191,7 +213,7 @@ def _charts(result: Result) -> tuple[list[Chart], int]:
     curves = sorted(
         sketch.curves, key=lambda c: (margins.get((c.check, c.subject), float("inf")), c.subject, c.check)
     )
-    drawn = [chart_of(curve, result.measured.findings) for curve in curves[:MOST_CHARTS]]
+    drawn = [chart_of(curve, result.measured.findings, axis) for curve in curves[:MOST_CHARTS]]
     return [chart for chart in drawn if chart is not None], max(len(curves) - MOST_CHARTS, 0)
 
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.report.figures import rounded_points
+from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
+from ariac_score.trial.spans import Span
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
 MOST_STEPS = 24
 """The ledger is opened level by level until it would have more steps than this."""
 
+_POINTS = re.compile(r"points\((\w+)\)")
 _SILENT = ("factor", "rounding", "cap", "neutral")
 """Lines that no bar shows where their amount is 0."""
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
@@ -34,6 +39,9 @@ class Step:
         width: How long its bar is, percent of the width.
         findings: Ids of the findings it rests on, the worst first.
         outermost: The outermost item it belongs to; empty for the trial.
+        item: The path of the item of work whose sum it is; empty where it is none.
+        span: When the worst of its findings was; `None` where that has no time, or nothing was violated.
+        is_invisible: Whether it is rounding too small for the digits that are shown.
     """
 
     label: str
@@ -45,6 +53,15 @@ class Step:
     width: float
     findings: tuple[str, ...]
     outermost: str = ""
+    item: str = ""
+    span: Span | None = None
+    is_invisible: bool = False
+
+    @property
+    def words(self) -> str:
+        """Its label; of the points of a check, which are priced as they are, the check alone."""
+        points = _POINTS.fullmatch(self.label)
+        return points[1].replace("_", " ") if points else self.label
 
     @property
     def after(self) -> Decimal:
@@ -61,7 +78,7 @@ class Waterfall:
         zero: Where zero lies, percent of the width.
         left: Where the bar of the sum begins, percent of the width.
         width: How long it is, percent of the width.
-        decimals: Most digits that any of the sums has after its point.
+        decimals: How many digits after the point are shown, of the amounts as of their sum.
     """
 
     steps: tuple[Step, ...]
@@ -71,6 +88,7 @@ class Waterfall:
     decimals: int
 
 
+@in_own_decimals
 def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
     """The steps of a ledger.
 
@@ -78,7 +96,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         ledger: Of the score, or of the task score.
         findings: By id; a step links only to these.
     """
-    lines = _opened(ledger)
+    lines, decimals = _opened(ledger), _shown_decimals(ledger)
     running = [Decimal(0)]
     for line in lines:
         running.append(running[-1] + line.amount)
@@ -98,6 +116,9 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 100 * abs(float(line.amount)) / room,
                 _worst_first(line, findings),
                 (line.subject or _where(line)).partition("/")[0],
+                line.subject if _is_of(line) else "",
+                _violated_at(line, findings),
+                line.kind == "rounding" and not round(line.amount, decimals),
             )
         )
     start = min(Decimal(0), ledger.amount)  # a negative score is a bar to the left of zero
@@ -106,8 +127,22 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         100 * float(-low) / room,
         100 * float(start - low) / room,
         100 * abs(float(ledger.amount)) / room,
-        max(_decimals(amount) for line in lines for amount in (line.amount, *running)),
+        min(decimals, max(_decimals(amount) for line in lines for amount in (line.amount, *running))),
     )
+
+
+def _violated_at(line: Line, findings: Mapping[str, Finding]) -> Span | None:
+    spans = [findings[key].span for key in _worst_first(line, findings) if _is_violated(findings[key])]
+    return spans[0] if spans else None
+
+
+def _is_violated(finding: Finding) -> bool:
+    return finding.verdict is Verdict.VIOLATED and finding.span is not None
+
+
+def _shown_decimals(ledger: Ledger) -> int:
+    exponent = rounded_points(ledger.amount, digits=9).as_tuple().exponent
+    return -exponent if isinstance(exponent, int) else 0
 
 
 def _decimals(amount: Decimal) -> int:

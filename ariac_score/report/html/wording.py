@@ -9,10 +9,11 @@ from decimal import Decimal
 
 from markupsafe import Markup
 
+from ariac_score.report.figures import rounded_points
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
 
-__all__ = ["amount", "brief", "file_name", "number", "seconds", "untrusted"]
+__all__ = ["amount", "brief", "file_name", "number", "points", "round_to", "seconds", "untrusted"]
 
 SHOWN_AT_ONCE = 240
 """Longer text is folded: its start is shown, and the whole on demand."""
@@ -101,6 +102,41 @@ def amount(value: Decimal | float | None, sign: bool = False, decimals: int = 0)
     _, point, fraction = text.partition(".")
     room = decimals - len(fraction)
     return text + ("" if point or room <= 0 else POINT_SPACE) + FIGURE_SPACE * max(room, 0)
+
+
+def round_to(value: Decimal | None, digits: int) -> str:
+    """Points with so many decimals; a dash for none.
+
+    >>> round_to(Decimal("-8.238323"), 2), round_to(Decimal("-0.001"), 2)
+    ('\u22128.24', '0.00')
+    """
+    if value is None:
+        return NOTHING
+    # + 0 makes a zero positive that rounding left negative.
+    return f"{value.quantize(Decimal(1).scaleb(-digits)) + 0:f}".replace("-", MINUS)
+
+
+def points(value: Decimal, digits: int = 9, sign: bool = False, decimals: int | None = None) -> Markup:
+    """Points to the digits that mean something, the exact number behind them as a title.
+
+    Args:
+        value: Exact.
+        digits: Most decimals, as the rule set rounds.
+        sign: Whether what is more than 0 has a plus.
+        decimals: So many, with room for them all, so that a column lines up; by default what means something.
+
+    >>> print(points(Decimal("19.761677"))), print(points(Decimal("28.000000")))
+    <data value="19.761677" title="exactly 19.761677">19.76</data>
+    28
+    (None, None)
+    """
+    rounded = rounded_points(value, digits) if decimals is None else round(value, decimals) + Decimal(0)
+    exact, shown = amount_text(value), amount(rounded, sign, decimals or 0)
+    if amount_text(rounded) == exact:
+        return Markup("{}").format(shown)
+    return Markup('<data value="{}" title="exactly {}">{}</data>').format(
+        exact, exact.replace("-", MINUS), shown
+    )
 
 
 def file_name(text: str) -> str:

@@ -12,7 +12,7 @@ from ariac_score.results.sketch import HandedIn
 from ariac_score.scoring.ledger import Ledger, Line, taken_by
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["InnerShown", "LeafShown", "WorkShown", "Worth", "grouped", "work_of"]
+__all__ = ["InnerShown", "LeafShown", "WorkShown", "Worth", "grouped", "work_of", "worth_of"]
 
 NamedFinding = tuple[str, Finding]
 
@@ -32,9 +32,9 @@ class Worth:
 
 @dataclass(frozen=True)
 class LeafShown:
-    """The innermost: its name, what was asked for, the findings about it, its points."""
+    """The innermost: its path, what was asked for, the findings about it, its points."""
 
-    name: str
+    path: str
     asked: str
     found: tuple[NamedFinding, ...]
     worth: Worth | None
@@ -44,7 +44,7 @@ class LeafShown:
 class InnerShown:
     """An item inside: what was asked for and handed in, what it consists of, the findings about the whole."""
 
-    name: str
+    path: str
     level: str
     asked: str
     brought: tuple[HandedIn, ...]
@@ -68,7 +68,7 @@ class WorkShown:
 def work_of(result: Result) -> tuple[WorkShown, ...]:
     """Every outermost item with what is inside, in the order of the trial."""
     measured = result.measured
-    worth = _worth(result)
+    worth = worth_of(result)
     asked = {one.path: one.words for one in measured.sketch.asked} if measured.sketch else {}
     brought = measured.sketch.brought if measured.sketch else ()
     found = _by_subject(measured.findings)
@@ -116,13 +116,13 @@ def _inner(
     name = item.path.rpartition("/")[2]
     leaves = tuple(_leaves(item))
     return InnerShown(
-        name,
+        item.path,
         item.level,
         asked.get(item.path, ""),
         tuple(one for one in brought if one.item == name),
         tuple(
             LeafShown(
-                leaf.path.removeprefix(f"{item.path}/"),
+                leaf.path,
                 asked.get(leaf.path, ""),
                 tuple(found.get(leaf.path, ())),
                 worth.get(leaf.path),
@@ -149,7 +149,7 @@ def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[NamedFinding]
     return found
 
 
-def _worth(result: Result) -> dict[str, Worth]:
+def worth_of(result: Result) -> dict[str, Worth]:
     """What each item brought to the ledger."""
     ledger = result.ledger or result.task
     if ledger is None:

@@ -19,6 +19,7 @@ from ariac_score.report.html.wording import file_name
 from ariac_score.results.adjustments import apply
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, measured_sha256
+from ariac_score.review.conduct import RunConduct, conduct_of_run
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment, with_verdicts
 
@@ -36,11 +37,12 @@ Write = Callable[[str, Path], None]
 
 @dataclass(frozen=True)
 class RunPage:
-    """The page of one run, and how many findings of each verdict it has, by clause."""
+    """The page of one run, how many findings of each verdict it has, by clause, and how it went."""
 
     key: RunKey
     page: str
     verdicts: Mapping[Clause, Mapping[str, int]]
+    conduct: RunConduct
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def _make(task: _Task) -> RunPage:
     uses = {name: str(check["use"]) for name, check in result.checks.items()}
     findings = with_verdicts(result.measured.findings, shown.adjusted.adjustments) if shown.adjusted else {}
     measured = replace(result.measured, findings=findings or result.measured.findings)
-    return RunPage(task.run.key, page, verdicts_of(measured, uses))
+    return RunPage(task.run.key, page, verdicts_of(measured, uses), conduct_of_run(shown))
 
 
 def _adjusted(result: Result, task: _Task) -> Result:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,13 +11,16 @@ from msgspec import structs
 
 from ariac_score.errors import UsageError
 from ariac_score.ranking.changes import Changes, changes_between
+from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import PUBLICATION, Publication
 from ariac_score.ranking.violations import Tally, tallied
-from ariac_score.report.html.page import page
+from ariac_score.report.html.page import page, shipped
 from ariac_score.report.site.run_pages import RunPage, make_pages
 from ariac_score.report.site.tables import Table, table_csv, table_json, tables_of
-from ariac_score.report.site.view import view_of
+from ariac_score.report.site.view import View, clause_page, clause_views, team_view, view_of
+from ariac_score.report.site.what_if import step_text
 from ariac_score.review.sensitivity import RankSensitivity
+from ariac_score.review.what_if import WhatIf
 
 __all__ = ["Site", "competition_page", "write_site"]
 
@@ -25,6 +28,8 @@ DATA = "data"
 RANKING = f"{DATA}/ranking.json"
 FILES = f"{DATA}/files.json"
 """Lists the files of the site, so that the next one can remove those that are no longer part of it."""
+
+_FOLDERS = ("trials/", "results/", "teams/", "violations/")
 
 Write = Callable[[str, Path], None]
 
@@ -38,12 +43,14 @@ class Site:
         folder: The results of its runs; without it there are no pages of runs.
         previous: The publication before.
         sensitivity: How the ranks depend on each number.
+        what_if: The ranking under other numbers.
     """
 
     publication: Publication
     folder: Path | None = None
     previous: Publication | None = None
     sensitivity: Sequence[RankSensitivity] | None = None
+    what_if: WhatIf | None = None
 
 
 def competition_page(
@@ -59,13 +66,54 @@ def competition_page(
         pages: Those of its runs.
         tables: Those that it offers for download; by default all.
     """
-    tallies = _tallies(site, pages)
-    changes = _changes(site)
     if tables is None:
-        tables = tables_of(site.publication, tallies, site.sensitivity, changes)
-    links: Mapping[tuple[str, str, int], str] = {made.key: made.page for made in pages}
-    view = view_of(site.publication, links, tallies, site.sensitivity, changes)
-    return page("site.html.j2", view=view, tables=tables)
+        tables = _tables(site, pages)
+    return _index(_view(site, pages), tables)
+
+
+def _index(view: View, tables: Sequence[Table]) -> str:
+    return page(
+        "site.html.j2",
+        view=view,
+        tables=tables,
+        script=shipped("board.js"),
+        clause_page=clause_page,
+        step_text=step_text,
+    )
+
+
+def _view(site: Site, pages: Sequence[RunPage]) -> View:
+    links: Mapping[RunKey, str] = {made.key: made.page for made in pages}
+    return view_of(
+        site.publication,
+        links,
+        _tallies(site, pages),
+        site.sensitivity,
+        _changes(site),
+        {made.key: made.conduct for made in pages},
+        site.what_if,
+    )
+
+
+def _tables(site: Site, pages: Sequence[RunPage]) -> tuple[Table, ...]:
+    return tables_of(
+        site.publication,
+        _tallies(site, pages),
+        site.sensitivity,
+        _changes(site),
+        {made.key: made.conduct for made in pages},
+        site.what_if,
+    )
+
+
+def _further(view: View) -> Iterator[tuple[str, str]]:
+    """The pages of teams and of clauses: path and text."""
+    clauses = {clause_page(each.tally.clause): each for each in clause_views(view)}
+    for path, each in clauses.items():
+        yield path, page("clause.html.j2", clause=each, view=view)
+    for row in view.rows:
+        if row.page:
+            yield row.page, page("team.html.j2", team=team_view(view, row, clauses), view=view)
 
 
 def _tallies(site: Site, pages: Sequence[RunPage]) -> tuple[Tally, ...] | None:
@@ -111,14 +159,17 @@ def write_site(
         pages = make_pages(site.publication, site.folder, out, write, processes=processes, progress=progress)
         written += [made.page for made in pages]
         written += [f"results/{site.publication.results[made.key].file}" for made in pages]
-    tables = tables_of(site.publication, _tallies(site, pages), site.sensitivity, _changes(site))
+    tables, view = _tables(site, pages), _view(site, pages)
     texts = {f"{DATA}/{table.name}.csv": table_csv(table) for table in tables}
     texts |= {f"{DATA}/{table.name}.json": table_json(table) for table in tables}
     texts[RANKING] = _pointing_here(site.publication, pages=bool(pages))
-    texts["index.html"] = competition_page(site, pages, tables=tables)
+    texts["index.html"] = _index(view, tables)
+    texts |= _further(view)
     written += texts
     # First the list of old and new files: if writing breaks off, the next site still knows which are ours.
     write(_listed(sorted({*before, *written})), out / FILES)
+    for folder in {(out / name).parent for name in texts}:
+        folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write(text, out / name)
     for stale in sorted(before - set(written)):
@@ -157,7 +208,7 @@ def _files_of(out: Path) -> set[str]:
 def _is_ours(out: Path, name: str) -> bool:
     """Whether a site could have written a listed file."""
     # The list may have been edited, and what is listed may be deleted: it must lie in this folder.
-    known = name == "index.html" or name.startswith((f"{DATA}/", "trials/", "results/"))
+    known = name == "index.html" or name.startswith((f"{DATA}/", *_FOLDERS))
     return known and ".." not in name.split("/") and (out / name).resolve().is_relative_to(out.resolve())
 
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from types import MappingProxyType
 
 from ariac_score.ranking.changes import Changes
+from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Stewarded
 from ariac_score.ranking.violations import Tally
 from ariac_score.report.spreadsheet import text_cell
+from ariac_score.results.result import canonical
+from ariac_score.review.conduct import RunConduct, TeamConduct, conduct_of_teams
 from ariac_score.review.sensitivity import RankSensitivity
+from ariac_score.review.what_if import WhatIf
 
 __all__ = ["Table", "cell_text", "table_csv", "table_json", "tables_of"]
 
@@ -88,9 +93,11 @@ def tables_of(
     tallies: Sequence[Tally] | None,
     sensitivity: Sequence[RankSensitivity] | None,
     changes: Changes | None,
+    conducts: Mapping[RunKey, RunConduct] = MappingProxyType({}),
+    what_if: WhatIf | None = None,
 ) -> tuple[Table, ...]:
     """Every table of a competition, without those for which nothing was given."""
-    tables = [_leaderboard(publication), _trials(publication), _runs(publication)]
+    tables = [_leaderboard(publication, conducts), _trials(publication), _runs(publication, conducts)]
     if publication.ranking.stewarded is not None:
         tables.append(_decisions(publication.ranking.stewarded))
     if publication.final_statistics is not None:
@@ -99,12 +106,16 @@ def tables_of(
         tables.append(_violations(publication, tallies))
     if sensitivity is not None:
         tables.append(_sensitivity(sensitivity))
+    if what_if is not None and what_if.levers:
+        tables.append(_what_if(what_if))
     if changes is not None:
         tables += [_team_changes(changes), _run_changes(changes)]
     return tuple(tables)
 
 
-def _leaderboard(publication: Publication) -> Table:
+def _leaderboard(publication: Publication, conducts: Mapping[RunKey, RunConduct]) -> Table:
+    teams = conduct_of_teams(publication, conducts) if conducts else {}
+    standards = sorted({standard for one in teams.values() for standard in one.violated})
     statistics = publication.final_statistics
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     groups = statistics.groups if statistics else ()
@@ -114,6 +125,15 @@ def _leaderboard(publication: Publication) -> Table:
     columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
     columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]
     columns += ["automatic_rank", "automatic_execution"]
+    if teams:
+        columns += ["task_points", "safety_points", "steward_points"]
+        columns += [
+            "worst_approach_margin_m",
+            "worst_approach_m",
+            "worst_approach_trial",
+            "worst_approach_run",
+        ]
+        columns += [f"violations: {standard}" for standard in standards]
     automatic = {standing.team: standing for standing in publication.ranking.standings}
     rows: list[tuple[Value, ...]] = []
     for s in publication.final.standings:
@@ -140,9 +160,38 @@ def _leaderboard(publication: Publication) -> Table:
                 "; ".join(s.remarks),
                 automatic[s.team].rank,
                 automatic[s.team].execution,
+                *(_conduct(teams[s.team], standards) if teams else ()),
             )
         )
     return Table("leaderboard", "Leaderboard", tuple(columns), tuple(rows))
+
+
+def _conduct(of: TeamConduct, standards: Sequence[str]) -> tuple[Value, ...]:
+    (_, trial, number), nearest = of.approach or (("", None, None), None)
+    return (
+        of.task,
+        of.safety,
+        of.decided,
+        canonical(nearest.margin_m) if nearest else None,
+        nearest.distance_m if nearest else None,
+        trial,
+        number,
+        *(of.violated.get(standard, 0) for standard in standards),
+    )
+
+
+def _what_if(found: WhatIf) -> Table:
+    rows: list[tuple[Value, ...]] = []
+    for at, point in found.points.items():
+        steps = [lever.steps[step] for lever, step in zip(found.levers, at, strict=True)]
+        if point is None:
+            rows.append((*steps, "", None, None, None, None))
+        for team, place in (point or {}).items():
+            safety = None if place.task is None else place.score - place.task
+            rows.append((*steps, team, place.rank, place.score, place.task, safety))
+    columns = (*(lever.name for lever in found.levers), "team", "rank", "execution")
+    columns = (*columns, "task_points", "safety_points")
+    return Table("what_if", "The ranking under other numbers", columns, tuple(rows))
 
 
 def _trials(publication: Publication) -> Table:
@@ -164,7 +213,7 @@ def _trials(publication: Publication) -> Table:
     return Table("trials", "Score of each team in each trial", columns, tuple(rows))
 
 
-def _runs(publication: Publication) -> Table:
+def _runs(publication: Publication, conducts: Mapping[RunKey, RunConduct]) -> Table:
     terms = list(dict.fromkeys(name for run in publication.final.runs for name in run.terms))
     rows: list[tuple[Value, ...]] = []
     for run in publication.final.runs:
@@ -181,6 +230,7 @@ def _runs(publication: Publication) -> Table:
                 run.reason or OUTCOMES[run.outcome],
                 stored.sha256 if stored else "",
                 *(run.terms.get(name) for name in terms),
+                *(_of_run(conducts.get(run.key)) if conducts else ()),
             )
         )
     columns = (
@@ -195,7 +245,21 @@ def _runs(publication: Publication) -> Table:
         "result_sha256",
         *terms,
     )
+    if conducts:
+        columns = (*columns, "task_points", "safety_points", "violations", "worst_approach_margin_m")
     return Table("runs", "Every run", columns, tuple(rows))
+
+
+def _of_run(conduct: RunConduct | None) -> tuple[Value, ...]:
+    if conduct is None:
+        return None, None, None, None
+    parts, nearest = conduct.parts, conduct.approach
+    return (
+        parts.task if parts else None,
+        parts.safety if parts else None,
+        sum(conduct.violated.values()),
+        canonical(nearest.margin_m) if nearest else None,
+    )
 
 
 def _decisions(stewarded: Stewarded) -> Table:

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
+from itertools import pairwise
+from types import MappingProxyType
+from typing import ClassVar
 
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
-from ariac_score.ranking.violations import Tally
+from ariac_score.ranking.violations import Clause, Tally
+from ariac_score.report.html.wording import file_name
+from ariac_score.report.site.drawings import Bar, Scale, chances_path, progress, scale_of
+from ariac_score.report.site.what_if import WhatIfView, what_if_view
+from ariac_score.review.conduct import Breach, RunConduct, TeamConduct, conduct_of_teams
 from ariac_score.review.sensitivity import RankSensitivity, RankShift
+from ariac_score.review.what_if import WhatIf
 from ariac_score.scoring.steward import Adjustment
 
-__all__ = ["View", "view_of"]
+__all__ = ["View", "clause_page", "clause_views", "team_page", "team_view", "view_of"]
 
+MOST_TEAMS_IN_PAIRS = 20
+"""Of more teams the page compares neighbours only; the tables have all pairs."""
 FOLDED_PAIRS = 45
 """More pairs than these are folded: ten teams have as many."""
 
@@ -32,6 +44,11 @@ class TeamRow:
         made: Number of runs it made.
         counted: Number of those that count.
         automatic: The team without the decisions of stewards, where there are any.
+        conduct: What its runs come to by task and safety; `None` when no result was given.
+        page: Its page; empty where there is none.
+        bar: Its score by task and safety, drawn; `None` where it cannot be split.
+        whisker: Both ends of the interval of its score, and its score, percent of the width.
+        chances: Width and path of the drawing of its chances.
     """
 
     standing: TeamRank
@@ -41,6 +58,11 @@ class TeamRow:
     made: int
     counted: int
     automatic: TeamRank | None = None
+    conduct: TeamConduct | None = None
+    page: str = ""
+    bar: Bar | None = None
+    whisker: tuple[float, float, float] | None = None
+    chances: tuple[int, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +79,7 @@ class RunLink:
 
     run: RunOutcome
     page: str
+    conduct: RunConduct | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +132,17 @@ class View:
     outcomes: Mapping[str, str]
     decisions: tuple[Decision, ...] = ()
     decided_in: str = ""
+    standards: tuple[str, ...] = ()
+    scale: Scale | None = None
+    digits: int = 2
+    what_if: WhatIfView | None = None
+
+    most_in_pairs: ClassVar[int] = MOST_TEAMS_IN_PAIRS
+
+    @property
+    def columns(self) -> tuple[TeamRow, ...]:
+        """The teams that have a column of their own beside the standards: of many teams none has."""
+        return self.rows if len(self.rows) <= MOST_TEAMS_IN_PAIRS else ()
 
     @property
     def has_pages(self) -> bool:
@@ -140,6 +174,8 @@ def view_of(
     tallies: Sequence[Tally] | None,
     sensitivity: Sequence[RankSensitivity] | None,
     changes: Changes | None,
+    conducts: Mapping[RunKey, RunConduct] = MappingProxyType({}),
+    what_if: WhatIf | None = None,
 ) -> View:
     """The values that the page shows.
 
@@ -149,18 +185,29 @@ def view_of(
         tallies: Violations by clause; `None` when no result was given.
         sensitivity: How the ranks depend on each number; `None` when it was not given.
         changes: Since the previous publication; `None` when none was given.
+        conducts: Of each run that has a result.
+        what_if: The ranking under other numbers; `None` when none was computed.
     """
     ranking, statistics = publication.final, publication.final_statistics
     by_cell: dict[tuple[str, str], list[RunLink]] = {}
     for run in ranking.runs:
-        by_cell.setdefault((run.team, run.trial), []).append(RunLink(run, links.get(run.key, "")))
-    pairs, zero = _pair_rows(statistics.pairs if statistics else ())
+        link = RunLink(run, links.get(run.key, ""), conducts.get(run.key))
+        by_cell.setdefault((run.team, run.trial), []).append(link)
+    pairs, zero = _pair_rows(_shown_pairs(publication))
+    teams = conduct_of_teams(publication, conducts) if conducts else {}
+    standards = Counter[str]()
+    for one in teams.values():
+        standards.update(one.violated)
+    spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution]
+    shown = [s.execution for s in ranking.standings]
+    shown += [one.task for one in teams.values() if one.task is not None]
+    drawn = _Drawn(scale_of(shown), scale_of([*spread, *(s.execution for s in ranking.standings)]))
     return View(
         publication=publication,
         ranking=ranking,
         statistics=statistics,
         names={standing.team: standing.name for standing in ranking.standings},
-        rows=tuple(_row(standing, publication) for standing in ranking.standings),
+        rows=tuple(_row(s, publication, teams.get(s.team), drawn) for s in ranking.standings),
         cells={
             standing.team: {
                 trial: TrialCell(cell, tuple(by_cell.get((standing.team, trial), ())))
@@ -182,7 +229,36 @@ def view_of(
         outcomes=OUTCOMES,
         decisions=_decisions(publication, by_cell),
         decided_in=publication.ranking.stewarded.sha256 if publication.ranking.stewarded else "",
+        standards=tuple(sorted(standards, key=lambda name: (-standards[name], name))),
+        scale=drawn.parts,
+        digits=_digits(ranking),
+        what_if=None if what_if is None else what_if_view(what_if, publication.final),
     )
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The scales of the leaderboard: of task and safety, and of the intervals."""
+
+    parts: Scale
+    spread: Scale
+
+
+def _digits(ranking: Ranking) -> int:
+    """As many decimals, two at least, as tell all scores apart that differ."""
+    scores = {standing.execution for standing in ranking.standings}
+    fits = (d for d in range(2, 6) if len({f"{score:.{d}f}" for score in scores}) == len(scores))
+    return next(fits, 6)
+
+
+def _shown_pairs(publication: Publication) -> Sequence[Pair]:
+    """All pairs; of many teams only those of neighbours, for their number grows with the square."""
+    statistics = publication.final_statistics
+    if statistics is None or len(statistics.teams) <= MOST_TEAMS_IN_PAIRS:
+        return statistics.pairs if statistics else ()
+    order = [standing.team for standing in publication.final.standings]
+    neighbours = set(pairwise(order))
+    return [pair for pair in statistics.pairs if (pair.first, pair.second) in neighbours]
 
 
 def _decisions(
@@ -195,7 +271,7 @@ def _decisions(
     return tuple(Decision(decision, decided.get(decision.id)) for decision in stewarded.adjustments)
 
 
-def _row(standing: TeamRank, publication: Publication) -> TeamRow:
+def _row(standing: TeamRank, publication: Publication, conduct: TeamConduct | None, drawn: _Drawn) -> TeamRow:
     ranking, statistics = publication.final, publication.final_statistics
     same = sum(1 for other in ranking.standings if other.rank == standing.rank)
     odds = {each.team: each for each in statistics.teams} if statistics else {}
@@ -210,7 +286,35 @@ def _row(standing: TeamRank, publication: Publication) -> TeamRow:
         sum(cell.made for cell in standing.trials.values()),
         sum(len(cell.runs) for cell in standing.trials.values()),
         automatic.get(standing.team),
+        conduct,
+        team_page(standing.team) if conduct else "",
+        _bar(standing, conduct, drawn.parts),
+        _whisker(standing, odds.get(standing.team), drawn.spread),
+        chances_path(own.chances) if (own := odds.get(standing.team)) else None,
     )
+
+
+def _bar(standing: TeamRank, conduct: TeamConduct | None, scale: Scale) -> Bar | None:
+    if conduct is None or conduct.task is None:
+        return None
+    return Bar.of(conduct.task, standing.execution, scale)
+
+
+def _whisker(standing: TeamRank, odds: TeamOdds | None, scale: Scale) -> tuple[float, float, float] | None:
+    if odds is None:
+        return None
+    low, high = odds.execution
+    return scale.at(low), scale.at(high), scale.at(standing.execution)
+
+
+def team_page(team: str) -> str:
+    """The path of the page of a team in the site."""
+    return f"teams/{file_name(team)}.html"
+
+
+def clause_page(clause: Clause) -> str:
+    """The path of the page of a standard's clause in the site."""
+    return f"violations/{file_name(' '.join(part for part in clause if part))}.html"
 
 
 def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
@@ -227,3 +331,166 @@ def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
         tuple(PairRow(p, place(p.joint_low), place(p.joint_high), place(p.ahead)) for p in pairs),
         place(0.0),
     )
+
+
+# Pages of teams and clauses ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TrialProgress:
+    """The runs of a team in one trial, in the order of their numbers.
+
+    Attributes:
+        trial: Its id.
+        cell: What the trial counts for the team.
+        runs: The runs.
+        line: Their scores, as a path.
+        points: Their places in the drawing.
+        zero: Where a score of 0 lies in it.
+    """
+
+    trial: str
+    cell: Cell
+    runs: tuple[RunLink, ...]
+    line: str
+    points: tuple[tuple[float, float, int], ...]
+    zero: float
+
+
+@dataclass(frozen=True)
+class Help:
+    """What a check that found nothing wrong would have brought a team.
+
+    Attributes:
+        check: Its name in words.
+        clause: What it cites.
+        page: The page of that clause; empty where there is none.
+        gain: Points.
+        watched: Whether it is about safety.
+    """
+
+    check: str
+    clause: str
+    page: str
+    gain: Decimal
+    watched: bool
+
+
+@dataclass(frozen=True)
+class TeamView:
+    """What the page of a team shows."""
+
+    view: View
+    row: TeamRow
+    trials: tuple[TrialProgress, ...]
+    helps: tuple[Help, ...]
+
+
+PROGRESS_WIDTH, PROGRESS_HEIGHT = 300, 90
+
+
+def team_view(view: View, row: TeamRow, pages: Collection[str]) -> TeamView:
+    """The values of the page of a team.
+
+    Args:
+        view: The competition.
+        row: The team.
+        pages: The paths of the pages of clauses.
+    """
+    assert row.conduct is not None  # only then there is a page
+    cells = view.cells[row.standing.team]
+    scores = [link.run.score for own in view.cells.values() for one in own.values() for link in one.runs]
+    scale = scale_of(scores)
+    trials = []
+    for trial in view.ranking.trials:
+        one = cells[trial]
+        own = [(link.run.number, link.run.score) for link in one.runs]
+        line, points = progress(own, scale, PROGRESS_WIDTH, PROGRESS_HEIGHT)
+        zero = round(PROGRESS_HEIGHT * (1 - scale.at(0) / 100), 1)
+        trials.append(TrialProgress(trial, one.cell, one.runs, line, points, zero))
+    cited: dict[str, Breach] = {}
+    for one in cells.values():
+        for link in one.runs:
+            for breach in link.conduct.breaches if link.conduct else ():
+                cited.setdefault(breach.finding.rpartition("#")[0], breach)
+    helps = []
+    for check, gain in row.conduct.gains.items():
+        found = cited.get(check)
+        page = clause_page(found.clause) if found else ""
+        clause = ", ".join(part for part in found.clause if part) if found else ""
+        watched = found is not None and found.watched
+        words = check.replace("_", " ")
+        helps.append(Help(words, clause, page if page in pages else "", gain, watched))
+    return TeamView(view, row, tuple(trials), tuple(helps))
+
+
+@dataclass(frozen=True)
+class ClauseRow:
+    """One team and one clause: how often and in how many runs it was violated, what the ledger took."""
+
+    row: TeamRow
+    violated: int
+    runs: int
+    undecided: int
+    cost: Decimal
+
+
+@dataclass(frozen=True)
+class ClauseView:
+    """What the page of a clause shows.
+
+    Attributes:
+        view: The competition.
+        tally: The clause, counted.
+        rows: The teams, those with most violations first.
+        found: The violations, each with its run, dear ones first, at most `MOST_LISTED`.
+        left_out: How many are not listed.
+        watched: Whether it is about safety.
+    """
+
+    view: View
+    tally: Tally
+    rows: tuple[ClauseRow, ...]
+    found: tuple[tuple[RunLink, Breach], ...]
+    left_out: int
+    watched: bool
+
+
+MOST_LISTED = 300
+
+
+def clause_views(view: View) -> Iterator[ClauseView]:
+    """The pages of the clauses that were violated."""
+    listed: dict[Clause, list[tuple[RunLink, Breach]]] = {}
+    for own in view.cells.values():
+        for one in own.values():
+            for link in one.runs:
+                for breach in link.conduct.breaches if link.conduct else ():
+                    listed.setdefault(breach.clause, []).append((link, breach))
+    for tally in view.tallies or ():
+        if not tally.verdicts.get("violated"):
+            continue
+        found = sorted(listed.get(tally.clause, ()), key=lambda one: one[1].cost or Decimal(0))
+        costs: dict[str, Decimal] = {}
+        for link, breach in found:
+            costs[link.run.team] = costs.get(link.run.team, Decimal(0)) + (breach.cost or Decimal(0))
+        rows = [
+            ClauseRow(
+                row,
+                tally.violated.get(team, 0),
+                tally.runs.get(team, 0),
+                tally.undecided.get(team, 0),
+                costs.get(team, Decimal(0)),
+            )
+            for row in view.rows
+            for team in (row.standing.team,)
+        ]
+        rows.sort(key=lambda one: -one.violated)
+        yield ClauseView(
+            view,
+            tally,
+            tuple(rows),
+            tuple(found[:MOST_LISTED]),
+            tally.verdicts["violated"] - min(len(found), MOST_LISTED),
+            any(breach.watched for _, breach in found),
+        )

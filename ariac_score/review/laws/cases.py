@@ -101,10 +101,13 @@ class World:
     Attributes:
         rule_set: The rule set.
         events: Checks about single events, which have a moment and no duration.
+        bridged: Below which pause a monitor makes one of two violations, s, by check; 1 s where nothing
+            is given, as in the made competition, whose monitors are not installed.
     """
 
     rule_set: RuleSet
     events: frozenset[str] = frozenset()
+    bridged: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def uses(self) -> dict[str, list[tuple[str, str]]]:
@@ -179,8 +182,8 @@ class World:
         return tuple(check for check in self.task if "points" in {f for _, f in self.uses[check]})
 
     def t_off_s(self, check: str) -> float:
-        """Up to which pause the monitor bridges two violations."""
-        return float(self.rule_set.checks[check].parameters.get("t_off_s", 1.0))
+        """Below which pause the monitor makes one of two violations."""
+        return self.bridged.get(check, 1.0)
 
     def _is_monitor(self, check: str) -> bool:
         return self.rule_set.checks[check].group == "ariac_score.monitors"

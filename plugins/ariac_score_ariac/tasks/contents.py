@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from ariac_score import Finding, Trial
 from ariac_score_ariac.tasks.claims import (
@@ -54,6 +54,11 @@ class Presence:
     without_color: Literal["whole_name", "aborts", "aborts_unless_exact"] = "whole_name"
     type_names: TypeNames = "whole"
     counts_from: CountsFrom = "update"
+
+    @property
+    def mistake(self) -> tuple[str, str]:
+        """What people call a violation."""
+        return ("wrong part", "wrong parts") if self.compare == "type" else ("wrong color", "wrong colors")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
@@ -202,6 +207,8 @@ class NoneMissing(_Counted):
         assembly: types are not looked at.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("shipment with missing parts", "shipments with missing parts")
+
     compare: Literal["type_and_color", "number"] = "type_and_color"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
@@ -229,6 +236,8 @@ class NoneUnwanted(_Counted):
         ARIAC 2019-2022, scoring: the all-products bonus asks for it.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("shipment with unwanted parts", "shipments with unwanted parts")
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each task of the kind."""
         return self._each(trial, order, Finding.not_applicable, self._unwanted, "nothing is unwanted")
@@ -251,6 +260,11 @@ class RightNumber:
         ARIAC 2017 and 2018 as coded: the all-parts bonus asks for it, so that a faulty
         product too many costs the bonus.
     """
+
+    mistake: ClassVar[tuple[str, str]] = (
+        "shipment with a wrong number of parts",
+        "shipments with a wrong number of parts",
+    )
 
     count_faulty: bool = True
     counts_from: CountsFrom = "update"
@@ -284,6 +298,8 @@ class NoneFaulty:
     Source:
         ARIAC 2017-2022, scoring: faulty products earn nothing and cost the bonus.
     """
+
+    mistake: ClassVar[tuple[str, str]] = ("shipment with faulty parts", "shipments with faulty parts")
 
     counts_from: CountsFrom = "update"
     kind: KindOfTask = "kitting"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ariac_score import Finding, Trial
 from ariac_score_ariac.work import Order
@@ -23,6 +24,11 @@ class OnlyKitting:
     Source:
         Our own; guards rule sets that price some kinds of task only.
     """
+
+    mistake: ClassVar[tuple[str, str]] = (
+        "order of another kind",
+        "orders of other kinds",
+    )
 
     kinds: tuple[str, ...] = ("kitting",)
 

@@ -35,6 +35,8 @@ class Submitted:
         ARIAC 2017-2022, "claiming" in the rulebook's coded section.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("shipment not submitted", "shipments not submitted")
+
     kind: KindOfTask = "kitting"
     counts_from: CountsFrom = "update"
 
@@ -64,6 +66,8 @@ class Destination:
         ARIAC 2019-2022, scoring: a shipment on the wrong AGV is worth nothing. As
         coded: agv1 and agv2 in 2019 and 2020, agv1 to agv4 and as1 to as4 from 2021.
     """
+
+    mistake: ClassVar[tuple[str, str]] = ("wrong destination", "wrong destinations")
 
     compare: Literal["agv", "station", "agv_and_station"] = "agv"
     known_agvs: tuple[str, ...] = ()

@@ -234,6 +234,8 @@ class PartAssembled:
         as assembled (topic assembly_insert_n_assembly_state).
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("part not assembled", "parts not assembled")
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each assembly or combined task."""
         yield from not_judged(order, KINDS)

@@ -142,6 +142,8 @@ class KitPose:
         2020 on whatever the colour.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("wrong pose", "wrong poses")
+
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 
     max_distance_m: float = parameter(0.03, unit="m", status="")
@@ -356,6 +358,8 @@ class TrayRight:
         ARIAC 2022 as coded: 0.10 m and |dot| 0.95. As documented: 0.02 m and 0.1 rad,
         and without a tray a kit is worth nothing.
     """
+
+    mistake: ClassVar[tuple[str, str]] = ("wrong tray", "wrong trays")
 
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 

@@ -141,6 +141,8 @@ class OrderSubmitted:
         ARIAC 2024, order list: once, and not after the end.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("order not submitted", "orders not submitted")
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each task."""
         for task in order.tasks:
@@ -188,6 +190,12 @@ class QuadrantPart:
     flip_vector: Literal["axis", "axis_and_position"] = "axis"
     max_tilt_rad: float = parameter(0.2, unit="rad", status="")
     challenge_marks: Literal["quadrant", "part"] = "quadrant"
+
+    @property
+    def mistake(self) -> tuple[str, str]:
+        """What people call a violation."""
+        words = {"type": "wrong", "color": "wrongly colored", "upright": "flipped", "sound": "faulty"}
+        return f"{words[self.compare]} part", f"{words[self.compare]} parts"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each wanted product of each kitting task."""
@@ -343,6 +351,8 @@ class ExtraParts:
         ARIAC 2023 and 2024: extra = max(parts on the tray - n, 0).
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("kit with parts too many", "kits with parts too many")
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task; where parts are extra, one for each of them."""
         yield from _each_other_task(order)
@@ -393,6 +403,8 @@ class TrayNumber:
     Source:
         ARIAC 2023 and 2024: 3 points, from 2024 on 1, for the right tray.
     """
+
+    mistake: ClassVar[tuple[str, str]] = ("wrong tray", "wrong trays")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""

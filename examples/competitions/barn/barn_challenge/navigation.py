@@ -46,6 +46,8 @@ class Navigation:
         `run.py` of the BARN Challenge, section 2.
     """
 
+    part_of: ClassVar[str] = "task"
+
     also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
     measures: ClassVar[Mapping[str, Measure]] = {
         "actual_time_s": Measure(

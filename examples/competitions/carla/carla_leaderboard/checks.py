@@ -43,6 +43,8 @@ class Completion:
         leaderboard.carla.org, Evaluation criteria: route completion.
     """
 
+    mistake: ClassVar[tuple[str, str]] = ("route not driven to its end", "routes not driven to their end")
+
     level: ClassVar[str] = "route"
     measures: ClassVar[Mapping[str, Measure]] = {
         "completion": Measure("points", "points", meaning="percent of the route that was driven"),
@@ -74,6 +76,8 @@ class Infractions:
     Source:
         leaderboard.carla.org, Evaluation criteria: infraction penalty.
     """
+
+    part_of: ClassVar[str] = "safety"
 
     kind: Kind = "collisions_vehicle"
     level: ClassVar[str] = "route"

@@ -38,6 +38,11 @@ class Manipulation:
 
     action: Literal["grasped", "placed"] = "grasped"
 
+    @property
+    def mistake(self) -> tuple[str, str]:
+        """What people call a violation."""
+        return f"object not {self.action}", f"objects not {self.action}"
+
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about each object of a task."""
         for thing in item.items:
@@ -73,6 +78,12 @@ class Mishap:
     """
 
     kind: Literal["lost", "incorrect", "deduction"] = "lost"
+
+    @property
+    def mistake(self) -> tuple[str, str]:
+        """What people call a violation."""
+        word = {"lost": "lost", "incorrect": "incorrect", "deduction": "carelessly handled"}[self.kind]
+        return f"{word} object", f"{word} objects"
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """A violation for each time, about its object, or that there was none in the task."""
@@ -119,6 +130,10 @@ class Reached:
     Source:
         Rulebook 2024, Scoring: service areas reached, finish reached.
     """
+
+    part_of: ClassVar[str] = "task"
+
+    mistake: ClassVar[tuple[str, str]] = ("place not reached", "places not reached")
 
     also_about: ClassVar[tuple[str, ...]] = (ROBOT,)
     what: Literal["service_areas", "finish"] = "service_areas"

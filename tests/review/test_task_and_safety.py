@@ -9,12 +9,9 @@ from pathlib import Path
 import pytest
 
 from ariac_score import RuleSet, load_result, load_rule_set, reprice
-from ariac_score.results.adjustments import apply
 from ariac_score.results.result import Result
-from ariac_score.results.result_file import measured_sha256
-from ariac_score.results.task_and_safety import TaskAndSafety, task_and_safety
+from ariac_score.review.task_and_safety import TaskAndSafety, task_and_safety
 from ariac_score.scoring.cohort import CohortValues
-from ariac_score.scoring.steward import Adjustment
 
 EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
 TASK = 28
@@ -45,7 +42,7 @@ def test_the_near_miss_cost_eight_of_twenty_eight_points(near_miss: Result) -> N
     assert found.task == TASK
     assert found.safety == near_miss.score - TASK == Decimal("-8.238323")
     assert found.score == near_miss.score
-    assert found.watched
+    assert found.has_safety
 
 
 def test_what_the_task_brought_does_not_depend_on_how_dear_safety_is(
@@ -68,7 +65,7 @@ def test_a_violated_rule_is_no_matter_of_safety(near_miss: Result, rules: RuleSe
 def test_without_a_priced_monitor_nothing_could_cost(near_miss: Result, rules: RuleSet) -> None:
     found = split(near_miss, rules, "sum(order.total)")
 
-    assert (found.task, found.safety, found.watched) == (TASK, 0, False)
+    assert (found.task, found.safety, found.has_safety) == (TASK, 0, False)
 
 
 def test_a_score_without_work_is_what_safety_left_of_it(near_miss: Result, rules: RuleSet) -> None:
@@ -95,19 +92,6 @@ def test_what_rules_found_in_other_runs_of_the_team_stays_with_the_task(
 
     assert found is not None
     assert (found.task, found.safety) == (50, -5)
-
-
-def test_decisions_of_stewards_are_a_part_of_their_own(near_miss: Result, rules: RuleSet) -> None:
-    decision = Adjustment(
-        "d1", "A. Steward", "why", "2024-05-12T14:30:00Z", measured_sha256(near_miss),
-        "kitting_near_miss", points=Decimal(-2),
-    )  # fmt: skip
-    adjusted = replace(near_miss, adjusted=apply(near_miss, [decision], rules, sha256="0" * 64))
-    found = task_and_safety(adjusted)
-
-    assert found is not None
-    assert (found.task, found.decided) == (TASK, -2)
-    assert found.score == adjusted.final
 
 
 def test_without_a_score_there_is_nothing_to_split(near_miss: Result) -> None:

@@ -1,0 +1,115 @@
+"""A score in two parts: what the work was worth, and what safety changed of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from decimal import Decimal
+
+from ariac_score.errors import FormulaError
+from ariac_score.results.result import Measured, Result
+from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.policy import ideal
+from ariac_score.scoring.pricing import value_of
+from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
+
+__all__ = ["TaskAndSafety", "safety_checks", "task_and_safety", "task_points"]
+
+_MONITORS = "ariac_score.monitors"
+_OF_SAFETY = frozenset({"penalty", "factor"})
+
+
+@dataclass(frozen=True)
+class TaskAndSafety:
+    """The two parts of a score; together, with what stewards decided, they are the score exactly.
+
+    Attributes:
+        task: What the score would be with every safety check kept and all else as it was.
+        safety: What safety made of that: the score minus `task`, as a rule not positive.
+        has_task: Whether the score depends on any check of the work.
+        has_safety: Whether it depends on any check of safety.
+        decided: What decisions of stewards moved, where they are counted in; else 0.
+    """
+
+    task: Decimal
+    safety: Decimal
+    has_task: bool = True
+    has_safety: bool = True
+    decided: Decimal = Decimal(0)
+
+    @property
+    def score(self) -> Decimal:
+        """The sum of the parts."""
+        return self.task + self.safety + self.decided
+
+
+def safety_checks(rule_set: RuleSet, measured: Measured) -> tuple[str, ...]:
+    """The checks that are about safety, in the order of the rule set.
+
+    That is declared, never read from a name. A plugin may say `part_of`; of others a monitor watches
+    for safety, and so does a rule whose quantities are all penalties or factors, which can only take.
+
+    Args:
+        rule_set: The rules.
+        measured: What was found by them, with what each check declares.
+    """
+    return tuple(name for name in rule_set.checks if _part_of(name, rule_set, measured) == "safety")
+
+
+def _part_of(name: str, rule_set: RuleSet, measured: Measured) -> str:
+    said = measured.settings.get(name) if measured.settings else None
+    if said is not None and said.part_of:
+        return said.part_of
+    declared = measured.measures.get(name, {}).values()
+    only_takes = bool(declared) and all(one.role in _OF_SAFETY for one in declared)
+    return "safety" if only_takes or rule_set.checks[name].group == _MONITORS else "task"
+
+
+def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndSafety | None:
+    """The automatic score in two parts; `None` without a score, or where the first part has no value.
+
+    The ledger shares what mistakes in the work and violations took together; here the work comes
+    first, so that the first number is the one that an official scorer without monitors would print.
+
+    Args:
+        result: The result.
+        rule_set: The rules in the result, where the caller has read them already.
+    """
+    if result.score is None:
+        return None
+    rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
+    measured = result.measured
+    about = frozenset(safety_checks(rules, measured)) & rules.sheet.priced
+    has_task = bool(rules.sheet.priced - about)
+    if not about:
+        return TaskAndSafety(result.score, Decimal(0), has_task, has_safety=False)
+    task = task_points(measured, rules, result.cohort)
+    return None if task is None else TaskAndSafety(task, result.score - task, has_task)
+
+
+def task_points(measured: Measured, rules: RuleSet, cohort: CohortValues) -> Decimal | None:
+    """What a trial would score with every safety check kept; `None` where that has no value.
+
+    Args:
+        measured: What was found by these rules.
+        rules: What it is worth.
+        cohort: The values across teams and runs it is priced with.
+    """
+    about = frozenset(safety_checks(rules, measured))
+    kept = ideal({key: f for key, f in measured.findings.items() if f.check in about}, measured.measures)
+    findings = {**measured.findings, **kept}
+    try:
+        worth = value_of(
+            findings, measured.scopes, rules.sheet, rules.policies, cohort=_calm(cohort, rules, about)
+        )
+    except FormulaError:
+        return None
+    return None if worth is None else rounded(worth, rules.digits)
+
+
+def _calm(cohort: CohortValues, rules: RuleSet, about: frozenset[str]) -> CohortValues:
+    """The values across teams and runs, without what safety checks found in other runs of the team."""
+    sheet = rules.sheet
+    terms = {f"runs.{name}": sheet.terms["trial"][name] for name in sheet.pooled}
+    calm = {name for name, term in terms.items() if sheet.checks_in(term) <= about}
+    return replace(cohort, values={name: by for name, by in cohort.values.items() if name not in calm})
