@@ -1,4 +1,4 @@
-"""The rulebook of a rule set: what a referee reads, made from the rule set itself and from trials made for it.
+"""The rulebook of a rule set: what a referee reads, made from the rule set and from trials made for it.
 
 Nothing here knows a formula: prices come from tables and parameters, costs from scoring made trials.
 """
@@ -389,7 +389,8 @@ def _laws(rule_set: RuleSet, outcomes: Sequence[Outcome]) -> Section:
         )
         for one in outcomes
     )
-    text = f"Tried on {CASES} made trials each; `ariac-score rules check {rule_set.id}` tries more, and shows any exception."
+    more = f"`ariac-score rules check {rule_set.id}` tries more, and shows any exception."
+    text = f"Tried on {CASES} made trials each; {more}"
     return Section("Laws", (text,), (Grid("Whether the score is fair", ("law", "", "because"), rows),))
 
 
