@@ -17,10 +17,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 import ariac_score
-from ariac_score.cli import _COMMANDS, _GROUPS, _parser
+from ariac_score.cli import _GROUPS, _parser
 from ariac_score.cli.parser import leaves
-from ariac_score.errors import ScoreError
-from ariac_score.scoring.ruleset import load_rule_set, rule_set_names
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -58,7 +56,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, text in (
         ("reference/commands.md", _commands_page()),
         ("reference/schemas.md", _schemas_page()),
-        ("reference/rule_sets.md", _rule_sets_page()),
         ("reference/python.md", _python_page()),
     ):
         files.append(File.generated(config, name, content=text))
@@ -118,23 +115,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _commands_page() -> str:
-    lines = ["# Commands", "", "As `ariac-score COMMAND --help` prints them."]
+    lines = ["# Every option", "", "As `ariac-score COMMAND --help` prints them."]
     for heading, names in _GROUPS.items():
         lines += ["", f"## {heading[:1].upper()}{heading[1:]}"]
         for name in names:
-            lines += [line for leaf in leaves(_parser_of(name)) for line in _command(leaf)]
-    lines += ["", "## Exit codes", "", "```text", *_exit_codes(), "```"]
+            lines += [line for leaf in leaves(_parser(name)) for line in _command(leaf)]
+    lines += ["", "## From plugins", *(line for leaf in leaves(_parser("rml")) for line in _command(leaf))]
     return "\n".join(lines) + "\n"
-
-
-def _parser_of(name: str) -> argparse.ArgumentParser:
-    assert name in _COMMANDS
-    return _parser(name)
-
-
-def _exit_codes() -> Iterator[str]:
-    text = inspect.getdoc(ariac_score.cli) or ""
-    yield from (line.strip() for line in text.splitlines() if re.match(r"\s+\d  ", line))
 
 
 def _command(parser: argparse.ArgumentParser) -> Iterator[str]:
@@ -196,17 +183,6 @@ def _object(schema: dict[str, Any]) -> dict[str, Any]:
 def _properties(schema: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = _object(schema).get("properties", {})
     return found
-
-
-def _rule_sets_page() -> str:
-    lines = ["# Installed rule sets", "", "`ariac-score rules show NAME` prints one.", ""]
-    lines += ["| rule set | what it is |", "|---|---|"]
-    for name in rule_set_names():
-        try:
-            lines.append(f"| `{name}` | {_cell(_text(load_rule_set(name).title))} |")
-        except ScoreError:  # of somebody else's distribution, which is none of this site
-            continue
-    return "\n".join(lines) + "\n"
 
 
 def _python_page() -> str:
