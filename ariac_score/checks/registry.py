@@ -54,6 +54,9 @@ FILE_GROUPS: Mapping[str, str] = {
 }
 """Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
 
+_AUDIT = ".audit"
+"""What a rule set says to auditors lies beside it, in a file of its own, and is none."""
+
 _CLASSES = "classes"
 """Weights that all penalties share; it lies among them and is none."""
 
@@ -448,7 +451,7 @@ def _files_of(plugin: Plugin) -> list[DataFile]:
     files = []
     for path in sorted(place.rglob("*.yaml")):
         *folders, stem = path.relative_to(place).with_suffix("").parts
-        if stem not in others:
+        if stem not in others and not stem.endswith(_AUDIT):
             inner = folders if stem == own else [*folders, stem]
             files.append(DataFile(".".join([plugin.name, *inner]), path, plugin))
     return files

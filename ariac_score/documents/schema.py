@@ -175,8 +175,10 @@ def _with_article(kind: str) -> str:
     return kind if kind == "null" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
-def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
-    """Check a document against a published schema.
+def validate(
+    document: YamlDocument, name: str, *, definition: str = "", error: type[DataFileError] = DataFileError
+) -> None:
+    """Check a document against a published schema, or against one definition in it.
 
     Raises:
         DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.
@@ -184,7 +186,7 @@ def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = 
     if document.data is None:  # no text, or only comments
         required = ", ".join(f"{key!r}" for key in schema(name).get("required", ()))
         raise error("the file is empty", file=document.file, hint=f"write its keys: {required}")
-    faults = schema_errors(document.data, name)
+    faults = schema_errors(document.data, name, definition)
     if faults:
         path, cause, hint = faults[0]
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""

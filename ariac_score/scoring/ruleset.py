@@ -44,6 +44,7 @@ from ariac_score.scoring.extending import (
     unknown_keys,
     written_document,
 )
+from ariac_score.scoring.forms import Table, in_formulas, place_in, tables_of
 from ariac_score.scoring.levels import (
     TRIAL,
     check_levels,
@@ -162,6 +163,7 @@ class RuleSet:
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
         parameters: The numbers that it gives a name, with unit and meaning, in the order of the file.
+        tables: What is worth points by verdicts of checks, as tables.
         given: The checks that were given in Python, by name.
     """
 
@@ -183,6 +185,7 @@ class RuleSet:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
     given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -452,7 +455,7 @@ def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
     document = _of_today(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
     validate(document, "ruleset", error=RuleSetError)
-    for key in ("extends", "include", "safety"):
+    for key in ("extends", "include", "safety", "audit"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
@@ -544,7 +547,8 @@ def _of_competition(
         raise broken from cause
 
 
-def _parsed(document: YamlDocument) -> RuleSet:
+def _parsed(written: YamlDocument) -> RuleSet:
+    document = in_formulas(written)
     data = document.data
     parameters = _parameters(document)
     checks = _checks(document, parameters)
@@ -553,9 +557,9 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sheet = _sheet(data, checks, parameters)
         printed = _printed_text(data, sheet)
     except FormulaError as error:
-        error.file = document.file
         # Formulas are named by their path in the document, which becomes a line here.
-        error.place = document.place(error.place.removeprefix("$.").split("."))
+        path = place_in(written.data, error.place.removeprefix("$.").split("."), error.cause)
+        error.file, error.place = document.files.get(path[0], document.file), document.place(path)
         raise
     return RuleSet(
         id=data["id"],
@@ -568,7 +572,8 @@ def _parsed(document: YamlDocument) -> RuleSet:
         digits=data.get("round", 6),
         file=document.file,
         sha256=document.sha256,
-        expanded=data,
+        expanded=written.data,
+        tables=tuple(tables_of(written.data)),
         ranking=data.get("ranking", {}),
         competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,

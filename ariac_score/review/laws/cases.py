@@ -16,7 +16,7 @@ import numpy as np
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortValues
-from ariac_score.scoring.expression import Expression, Number
+from ariac_score.scoring.expression import Expression, Number, text_of
 from ariac_score.scoring.levels import TEXT, TRIAL
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -136,11 +136,18 @@ class World:
             for node in formula.walk():
                 if (
                     isinstance(node, ast.IfExp)
-                    and not _a_constant(node.body)
-                    and not _a_constant(node.orelse)
+                    and not self._constant(node.body)
+                    and not self._constant(node.orelse)
                 ):
                     choosing |= {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)}
         return frozenset(choosing & set(self.rule_set.checks))
+
+    def _constant(self, node: ast.expr) -> bool:
+        """Whether it is the same number in every trial, as what a row of a table is worth."""
+        if isinstance(node, ast.Name | ast.Attribute):
+            return text_of(node) in self.rule_set.parameters
+        inner = (each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr))
+        return all(self._constant(each) for each in inner)
 
     @cached_property
     def safety(self) -> tuple[str, ...]:
@@ -288,10 +295,6 @@ class World:
 
 def _all_formulas(rule_set: RuleSet) -> list[Expression]:
     return rule_set.sheet.reached(rule_set.sheet.score)
-
-
-def _a_constant(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant)
 
 
 @dataclass(frozen=True)
