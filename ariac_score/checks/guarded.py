@@ -19,7 +19,7 @@ from ariac_score.checks.contracts import (
 )
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.trial.events import Event
 from ariac_score.trial.model import Trial
 from ariac_score.trial.work import Record, Submission, WorkItem
@@ -63,7 +63,7 @@ class GuardedReader:
         try:
             with quiet(self.plugin.origin):
                 return bool(self.reader.can_read(path))
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise self._failed(cause, path) from cause
 
     def describe(self, path: Path) -> LogDescription:
@@ -77,7 +77,7 @@ class GuardedReader:
                 return self.reader.describe(path)
         except ScoreError:
             raise
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise self._failed(cause, path) from cause
 
     def read(self, path: Path, wanted: Wanted) -> Trial:
@@ -92,7 +92,7 @@ class GuardedReader:
                 trial = self.reader.read(path, wanted)
         except ScoreError:
             raise
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise self._failed(cause, path) from cause
         if not isinstance(trial, Trial):
             raise broken(self.plugin, f"brings a {type(trial).__name__} instead of a Trial")
@@ -109,7 +109,7 @@ class GuardedReader:
         try:
             with quiet(self.plugin.origin):
                 return self.reader.likeness(path)
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise self._failed(cause, path) from cause
 
     def runs(self, path: Path) -> list[tuple[int, str, str]]:
@@ -125,11 +125,11 @@ class GuardedReader:
                 return list(self.reader.runs(path))
         except ScoreError:
             raise
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise self._failed(cause, path) from cause
 
     def _failed(self, cause: BaseException, path: Path) -> PluginError:
-        return broken(self.plugin, f"raised {type(cause).__name__} on {path.name}: {cause}")
+        return broken(self.plugin, f"raised {fault_of(cause).name} on {path.name}: {fault_of(cause).text}")
 
 
 class GuardedDecoder:
@@ -150,10 +150,12 @@ class GuardedDecoder:
                 decoded = self.decoder.decode(msgtype, message, t_s)
         except (ScoreError, ValueError):
             raise
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             if _misfits(message, cause):
                 raise ValueError(f"its fields are not those of a {msgtype}: {cause}") from cause
-            raise broken(self.plugin, f"raised {type(cause).__name__} on a {msgtype}: {cause}") from cause
+            raise broken(
+                self.plugin, f"raised {fault_of(cause).name} on a {msgtype}: {fault_of(cause).text}"
+            ) from cause
         if decoded is not None and not isinstance(decoded, WorkItem | Submission | Event | Record):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
         return decoded

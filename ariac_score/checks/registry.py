@@ -30,7 +30,7 @@ from ariac_score.errors import (
     RuleSetError,
     did_you_mean,
 )
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.installed.points import Point, installed_points, unreadable_hint
 
 __all__ = [
@@ -53,6 +53,9 @@ FILE_GROUPS: Mapping[str, str] = {
     "ariac_score.penalties": "penalty",
 }
 """Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
+
+_AUDIT = ".audit"
+"""What a rule set says to auditors lies beside it, in a file of its own, and is none."""
 
 _CLASSES = "classes"
 """Weights that all penalties share; it lies among them and is none."""
@@ -95,13 +98,15 @@ class Plugin(Point):
         try:
             with quiet(self.origin, deep=True):
                 plugin = kind(**values)
+        except PluginError:
+            raise
         except ValueError as cause:  # what `__post_init__` raises for a number that makes no sense
             raise RuleSetError(
                 f"{self.name} refuses its parameters: {cause}", place=place(""), hint="change the parameter"
             ) from None
-        except (Exception, SystemExit) as cause:
+        except Exception as cause:
             raise PluginError(
-                f"cannot be built: {type(cause).__name__}: {cause}",
+                f"cannot be built: {fault_of(cause)}",
                 origin=self.origin,
                 hint="parameters must be keyword arguments with a default or a value in the rule set",
             ) from cause
@@ -291,7 +296,8 @@ def _as_type(value: Any, wanted: Any) -> Any:
         and (wanted is bool or not isinstance(value, bool))
     ):
         return value
-    raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
+    name = str(getattr(wanted, "__name__", wanted))
+    raise ValueError(f"{value!r} is not {'an' if name[0] in 'aeiou' else 'a'} {name}")
 
 
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
@@ -445,7 +451,7 @@ def _files_of(plugin: Plugin) -> list[DataFile]:
     files = []
     for path in sorted(place.rglob("*.yaml")):
         *folders, stem = path.relative_to(place).with_suffix("").parts
-        if stem not in others:
+        if stem not in others and not stem.endswith(_AUDIT):
             inner = folders if stem == own else [*folders, stem]
             files.append(DataFile(".".join([plugin.name, *inner]), path, plugin))
     return files

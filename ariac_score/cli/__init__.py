@@ -19,6 +19,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -29,10 +30,12 @@ from ariac_score.cli.completion import ASKED, SCRIPTS, PrintCompletion, print_ca
 from ariac_score.cli.notes import is_apart
 from ariac_score.cli.parser import EXIT_USAGE, Parser, add_everywhere, command_in, leaves
 from ariac_score.errors import ScoreError
+from ariac_score.installed.captured_output import fault_of, keep_results_apart
+from ariac_score.installed.running import listen_for_interrupts
 from ariac_score.terminal.output import discard_output
 from ariac_score.terminal.style import plain, style_for
 
-__all__ = ["main"]
+__all__ = ["main", "program"]
 
 EXIT_INTERRUPTED = 2
 EXIT_INTERNAL = 3
@@ -128,6 +131,20 @@ def _add_brought(name: str, commands: Any) -> None:
             commands.add_parser(brought, help=summary_of(plugins), add_help=False)
 
 
+def program() -> NoReturn:
+    """Be the process of one command: what plugins start, or leave to be done at its end, spoils no result."""
+    results = keep_results_apart()
+    listen_for_interrupts()
+    try:
+        code = main()
+    finally:
+        sys.stdout = sys.__stdout__  # which leads to standard error now
+        if results is not None:
+            with suppress(BrokenPipeError, ValueError):  # who reads it has gone, or a plugin has closed it
+                results.close()
+    sys.exit(code)
+
+
 def _arguments(given: Sequence[str]) -> argparse.Namespace:
     """The command line, and what it leaves out and settings say."""
     command = command_in(given)
@@ -182,19 +199,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: the output cannot be written: {error.strerror}", file=sys.stderr)
         print("hint: check the disk, or write to a file with -o", file=sys.stderr)
         return EXIT_USAGE
-    except Exception as error:  # noqa: BLE001  # no traceback reaches a user
+    except SystemExit:
+        raise
+    except BaseException as error:  # noqa: BLE001  # no traceback reaches a user
         return _failed(error, author or "ariac-score")
     return code
 
 
-def _failed(error: Exception, author: str) -> int:
+def _failed(error: BaseException, author: str) -> int:
     """Print what went wrong, and for an internal error whose fault it is; the exit code."""
     if isinstance(error, ScoreError):
         _print_error(error)
         return error.exit_code
     if os.environ.get("ARIAC_SCORE_DEBUG"):
         raise error
-    print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+    print(f"internal error: {fault_of(error)}", file=sys.stderr)
     print(
         f"hint: this is a fault of {author}; set ARIAC_SCORE_DEBUG=1 and report the traceback",
         file=sys.stderr,

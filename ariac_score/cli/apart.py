@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import signal
@@ -12,13 +11,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
 from ariac_score.cli.notes import APART, is_apart
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.installed.running import note_in, noted
+from ariac_score.installed.captured_output import keep_results_apart
+from ariac_score.installed.running import listen_for_interrupts, note_in, noted
 
 __all__ = ["begin", "is_apart", "run_apart"]
 
@@ -31,13 +31,13 @@ _START = (
 )
 
 
-def run_apart(given: Sequence[str], *, limit_s: float = math.inf, call_limit_s: float = math.inf) -> int:
+def run_apart(given: Sequence[str], *, limit_s: float) -> int:
     """Run a command in a process of its own; its exit code.
 
     Args:
         given: The command line.
-        limit_s: How long it may take, s.
-        call_limit_s: How long one call of a plugin may last, s.
+        limit_s: How long one call of a plugin may last, and what is between two of them, s. Not the
+            whole: a machine that is busy is no fault of whichever plugin runs at its end.
 
     Raises:
         PluginError: It did not end in time, or its process died, in a plugin.
@@ -51,33 +51,42 @@ def run_apart(given: Sequence[str], *, limit_s: float = math.inf, call_limit_s: 
             stdout=out,
             stderr=err,
             env={**os.environ, APART: "1"},
+            start_new_session=True,  # so that what a plugin starts ends with it
         )
         try:
-            in_time = _waited(process, note, limit_s, call_limit_s)
+            in_time = _waited(process, note, limit_s)
         finally:
-            if process.poll() is None:
-                process.kill()
-                process.wait(_KILLED_S)
+            _end_all(process)
         _, plugin = noted(note)
         if done.is_file():  # whatever it did afterwards
             return int(done.read_text(encoding="ascii"))
-        late = f"did not end within {min(limit_s, call_limit_s):g} s"
+        late = f"did not end within {limit_s:g} s"
         raise _failed(plugin, _ending(process.returncode) if in_time else late)
 
 
-def _waited(process: subprocess.Popen[Any], note: Path, limit_s: float, call_limit_s: float) -> bool:
+def _end_all(process: subprocess.Popen[Any]) -> None:
+    """End a process and those it has started, as far as these stayed in its session."""
+    if process.poll() is None or hasattr(os, "killpg"):
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    if process.poll() is None:
+        process.kill()
+        process.wait(_KILLED_S)
+
+
+def _waited(process: subprocess.Popen[Any], note: Path, limit_s: float) -> bool:
     """Whether a process ended in time; returns when it did, or did not."""
-    began_s = changed_s = time.monotonic()
+    changed_s = time.monotonic()
     last = 0
     while True:
         try:
             process.wait(_LOOKS_EVERY_S)
         except subprocess.TimeoutExpired:
             now_s = time.monotonic()
-            count, plugin = noted(note)
+            count, _ = noted(note)
             if count != last:
                 last, changed_s = count, now_s
-            if now_s - began_s > limit_s or (plugin and now_s - changed_s > call_limit_s):
+            if now_s - changed_s > limit_s:
                 return False
         else:
             return True
@@ -121,8 +130,12 @@ def begin(folder: str, given: Sequence[str]) -> None:
     """What the process of its own does: run the command, noting which plugin runs."""
     from ariac_score.cli import main  # noqa: PLC0415  # which imports this module for some commands
 
+    results = keep_results_apart()
+    listen_for_interrupts()
     note_in(Path(folder) / "running")
     code = main(given)
-    sys.stdout.flush()
+    sys.stdout = sys.__stdout__
+    if results is not None:
+        results.close()
     (Path(folder) / "done").write_text(str(code), encoding="ascii")
     sys.exit(code)

@@ -16,6 +16,7 @@ from typing import Any
 
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginConflictError, PluginError
+from ariac_score.installed.captured_output import fault_of
 
 __all__ = ["GROUP", "brought_commands", "register_brought", "summary_of"]
 
@@ -77,7 +78,7 @@ def register_brought(name: str, plugins: Sequence[Plugin], commands: Any) -> Non
     except (Exception, SystemExit) as cause:  # a stranger's module may raise anything
         true = cause.__cause__ if isinstance(cause, PluginError) and cause.__cause__ else cause
         raise PluginError(
-            f"{origin} cannot be used: {type(true).__name__}: {true}",
+            f"{origin} cannot be used: {fault_of(true)}",
             hint=f"repair or reinstall {plugin.distribution}",
         ) from cause
     if name not in commands.choices:

@@ -197,7 +197,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     named = _named(arguments.name)
     if not is_apart():
         try:
-            return run_apart(arguments.given, call_limit_s=arguments.time_limit_s)
+            return run_apart(arguments.given, limit_s=arguments.time_limit_s)
         except PluginError as error:
             _outcome("ends", error)
             return EXIT_BROKEN

@@ -19,7 +19,7 @@ from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError
 from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
+from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
 from ariac_score.scoring.extending import GROUP as RULE_SETS
@@ -165,8 +165,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
+        bridged = {} if is_penalty else bridged_pauses(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
-        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events)
+        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events, bridged=bridged)
         tried = sum(outcome.cases for outcome in outcomes)
         where = f"{name} on a made competition" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")

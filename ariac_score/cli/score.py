@@ -48,7 +48,8 @@ def register(commands: Any) -> None:
         type=_time_limit,
         default=0.0,
         metavar="S",
-        help="score in a process of its own, which may take so long: what hangs or kills it is named",
+        help="score in a process of its own, in which no call of a plugin may last so long: "
+        "what hangs or kills it is named",
     )
     add_output(parser)
     parser.set_defaults(run=run)

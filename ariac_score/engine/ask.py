@@ -17,7 +17,7 @@ from ariac_score.checks.registry import Plugin
 from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import MissingSignalError, PluginError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
@@ -34,6 +34,10 @@ BUDGET_S = 30.0
 
 SMALLEST_LOG_SAMPLES = 100_000
 """A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
+
+
+MOST_FINDINGS = 250_000
+"""A check that gives more is taken for one that never ends; a result of so many could not be read again."""
 
 
 def budget_of(trial: Trial, budget_s: float = BUDGET_S) -> float:
@@ -81,19 +85,20 @@ def ask(
         if notice
         else quiet(plugin.origin, deep=True, of=name)
     )
-    with heard:
-        try:
+    try:
+        with heard:
             for finding in _answers(plugin, name, check, trial, words or Words()):
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
                 findings.append(finding)
-        except MissingSignalError as missing:
-            findings.append(Finding.inconclusive(missing.name, str(missing), span=trial.window))
-        except PluginError:
-            raise
-        # SystemExit and GeneratorExit are no Exception; either would end the program, or pass unseen.
-        except (Exception, SystemExit, GeneratorExit) as cause:
-            raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
+                if len(findings) > MOST_FINDINGS:
+                    raise broken(plugin, f"gives more than {MOST_FINDINGS:,} findings", of=name)
+    except MissingSignalError as missing:
+        findings.append(Finding.inconclusive(missing.name, fault_of(missing).text, span=trial.window))
+    except PluginError:
+        raise
+    except Exception as cause:
+        raise broken(plugin, f"raised {fault_of(cause)}", of=name) from cause
     taken_s, allowed_s = time.process_time() - began_s, budget_of(trial)
     if taken_s > allowed_s:  # the score stands: it may not depend on how fast a machine is
         sys.stderr.write(
@@ -135,9 +140,9 @@ def _charts(plugin: Plugin, name: str, show: Callable[[Trial], Iterable[Chart]],
             charts = list(show(trial))
     except MissingSignalError:  # its finding says so already
         return []
-    except (Exception, SystemExit) as cause:
+    except Exception as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} when it gave its charts: {cause}", of=name
+            plugin, f"raised {fault_of(cause).name} when it gave its charts: {fault_of(cause).text}", of=name
         ) from cause
     if _marks(trial) != before:
         raise broken(plugin, "changed the trial it was given", of=name)
@@ -159,7 +164,7 @@ def _grounds(plugin: Plugin, name: str, check: Any, trial: Trial) -> Grounds:
         forgives = getattr(check, "t_on_s", 0.0) != 0.0  # None: as its profile says
     except Exception as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} about what it measures: {cause}", of=name
+            plugin, f"raised {fault_of(cause).name} about what it measures: {fault_of(cause).text}", of=name
         ) from cause
     _refuse_measures(plugin, name, measures, units)
     return Grounds(measures, watched_in(trial), Subjects(trial, subjects), signals, units, needed, forgives)
@@ -193,7 +198,7 @@ def _stored(plugin: Plugin, name: str, finding: Finding, number: int, grounds: G
     try:
         stored = settled(replace(finding, check=name, units=units))
     except Exception as cause:  # numbers of a class of the plugin's own may raise anything
-        words = f"gives finding {number}, whose numbers cannot be stored: {type(cause).__name__}"
+        words = f"gives finding {number}, whose numbers cannot be stored: {fault_of(cause).name}"
         raise broken(plugin, words, of=name) from cause
     # Once more: a number of a class of its own may turn into another one when it is stored.
     keeps(stored)

@@ -22,7 +22,7 @@ from ariac_score.errors import (
     RunEndedError,
     ScoreError,
 )
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.logs.bundle import Bundle, find_parts
 from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials
@@ -116,8 +116,8 @@ def call_hook(plugin: Plugin, hook: Callable[..., Any], *args: object) -> Any:
             return hook(*args)
     except ScoreError:
         raise
-    except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
-        raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
+    except Exception as cause:  # a stranger's code may raise anything
+        raise broken(plugin, f"raised {fault_of(cause)}") from cause
 
 
 def topics_read(prepared: Prepared) -> frozenset[str] | None:

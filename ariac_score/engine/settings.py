@@ -14,7 +14,7 @@ from ariac_score.checks.guarded import broken
 from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
 from ariac_score.engine.prepared import Prepared
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.results.result import Setting, Settings
 
 __all__ = ["plain_value", "settings_of"]
@@ -84,8 +84,8 @@ def _resolved(plugin: Plugin, name: str, check: Any) -> dict[str, Any]:
     try:
         with quiet(plugin.origin):
             resolved = dict(check.resolved())
-    except (Exception, SystemExit) as cause:
-        words = f"raised {type(cause).__name__} when it resolved its parameters: {cause}"
+    except Exception as cause:
+        words = f"raised {fault_of(cause).name} when it resolved its parameters: {fault_of(cause).text}"
         raise broken(plugin, words, of=name) from cause
     strange = sorted(set(map(str, resolved)) - set(parameters_of(type(check))))
     if strange:

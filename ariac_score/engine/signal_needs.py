@@ -12,7 +12,7 @@ from ariac_score.checks.contracts import Monitor, SignalNeed
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginConflictError, PluginError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.trial.derive import SOURCES, Derivation, DerivedSignal, derive_signals
 from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import FloatArray
@@ -37,9 +37,9 @@ def needs_of(plugin: Plugin, name: str, check: Any) -> list[SignalNeed]:
             if stated is None:
                 raise TypeError("None was returned; yield each, or return a list of them")
             needs = list(stated)
-    except (Exception, SystemExit) as cause:
+    except Exception as cause:
         raise broken(
-            plugin, f"raised {type(cause).__name__} when it stated its needs: {cause}", of=name
+            plugin, f"raised {fault_of(cause).name} when it stated its needs: {fault_of(cause).text}", of=name
         ) from cause
     for need in needs:
         if not isinstance(need, SignalNeed):
@@ -126,8 +126,10 @@ def _guarded(plugin: Plugin, compute: Callable[..., Any], components: int) -> Ca
         try:
             with quiet(plugin.origin, deep=True):
                 values = np.array(compute(t, **columns), dtype=np.float64)
-        except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
-            raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
+        except PluginError:
+            raise
+        except Exception as cause:  # a stranger's code may raise anything
+            raise broken(plugin, f"raised {fault_of(cause)}") from cause
         wanted = (len(t),) if components == 1 else (len(t), components)
         if values.shape != wanted:
             raise broken(plugin, f"gives values of shape {values.shape} where {wanted} is wanted")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.errors import PluginError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 
 __all__ = [
     "OURS",
@@ -81,9 +81,9 @@ class Point:
                 return self._object()
         except PluginError:
             raise
-        except (Exception, SystemExit) as cause:  # a stranger's module may raise anything at import
+        except Exception as cause:  # a stranger's module may raise anything at import
             raise PluginError(
-                f"cannot be imported: {type(cause).__name__}: {cause}",
+                f"cannot be imported: {fault_of(cause)}",
                 origin=self.origin,
                 hint=self.repair,
             ) from cause
@@ -104,9 +104,11 @@ class Point:
         try:
             with quiet(self.origin, deep=True):
                 spec = find_spec(module)
-        except (Exception, SystemExit) as cause:  # a stranger's package may raise anything at import
+        except PluginError:
+            raise
+        except Exception as cause:  # a stranger's package may raise anything at import
             raise PluginError(
-                f"cannot be found: {type(cause).__name__}: {cause}",
+                f"cannot be found: {fault_of(cause)}",
                 origin=self.origin,
                 hint=f"repair or reinstall {self.distribution}",
             ) from cause
@@ -187,7 +189,7 @@ def _each_distribution() -> Iterator[tuple[Distribution, Sequence[EntryPoint], s
         try:
             yield one, tuple(one.entry_points), ""
         except Exception as cause:  # noqa: BLE001  # a stranger's text may break the parser in any way
-            yield one, (), f"{type(cause).__name__}: {cause}"
+            yield one, (), f"{fault_of(cause)}"
 
 
 def origin_of(distribution: Distribution | None) -> tuple[str, str]:

@@ -1,16 +1,25 @@
-"""Which plugin runs now, noted in a file, so that it can be named when it takes its process with it."""
+"""Which plugin runs now, noted in a file, so that it can be named when it takes its process with it.
+
+And whether somebody wants this process to stop: a plugin can raise `KeyboardInterrupt` as well.
+"""
 
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
-__all__ = ["note_in", "noted", "running"]
+__all__ = ["EndedError", "listen_for_interrupts", "note_in", "noted", "running", "was_interrupted"]
 
 _LONGEST = 500
 """A note has so many bytes, so that one write replaces the one before; what is longer is cut."""
+
+
+class EndedError(BaseException):
+    """This program ends a call of a plugin; no `except Exception` of the plugin's own can catch it."""
 
 
 class _Notes:
@@ -63,3 +72,29 @@ def noted(file: Path) -> tuple[int, str]:
         return int(count), words.rstrip()
     except (OSError, ValueError):
         return 0, ""
+
+
+class _Interrupts:
+    """Interrupts of this process; where nobody listens, each is taken for that of a person."""
+
+    def __init__(self) -> None:
+        self.heard = True
+
+    def take(self, _number: int, _frame: FrameType | None) -> None:
+        self.heard = True
+        raise KeyboardInterrupt
+
+
+_INTERRUPTS = _Interrupts()
+
+
+def listen_for_interrupts() -> None:
+    """Tell from now on the interrupt of a person, which comes as a signal, from one that a plugin raises."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        _INTERRUPTS.heard = False
+        signal.signal(signal.SIGINT, _INTERRUPTS.take)
+
+
+def was_interrupted() -> bool:
+    """Whether a person may have interrupted this process."""
+    return _INTERRUPTS.heard

@@ -28,6 +28,7 @@ from ariac_score.checks.guarded import GuardedDecoder, broken
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
+from ariac_score.installed.captured_output import fault_of
 from ariac_score.logs.containers.items import normalised_type
 from ariac_score.logs.gather.stated import ChannelDecoder
 from ariac_score.logs.rosmonitoring import channel_of, clock_of, fields_of, stamp_s
@@ -278,7 +279,7 @@ class _CheckState:
                 self.verdicts[verdict.subject] = verdict, t_s
         except Exception as cause:
             live = self.live
-            raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+            raise broken(live.plugin, f"raised {fault_of(cause)}", of=live.name) from cause
 
     def known(self, t_s: float | None) -> Iterator[InstantVerdict]:
         """The verdicts that still count at the time of an event; all of them where it has none."""
@@ -354,7 +355,7 @@ def _watch(live: _Live, bodies: Sequence[Body]) -> OnlineWatch:
     try:
         return live.monitor.begin(bodies)
     except Exception as cause:
-        raise broken(live.plugin, f"raised {type(cause).__name__}: {cause}", of=live.name) from cause
+        raise broken(live.plugin, f"raised {fault_of(cause)}", of=live.name) from cause
 
 
 # Specifications --------------------------------------------------------------------------
@@ -426,7 +427,7 @@ class SpecBench:
         except ValueError:
             raise
         except Exception as cause:
-            raise broken(self._plugin, f"raised {type(cause).__name__}: {cause}") from cause
+            raise broken(self._plugin, f"raised {fault_of(cause)}") from cause
 
 
 class _SpecJudge:

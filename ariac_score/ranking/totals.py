@@ -14,7 +14,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Plugin, Registry
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 
 __all__ = ["GROUP", "SUM", "Total", "highest", "lowest", "mean", "median", "total", "total_named"]
 
@@ -77,8 +77,8 @@ class Total:
         try:
             with quiet(self.plugin.origin):
                 value = self.of(tuple(scores))
-        except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
-            raise broken(self.plugin, f"raised {type(cause).__name__}: {cause}") from cause
+        except Exception as cause:  # a stranger's code may raise anything
+            raise broken(self.plugin, f"raised {fault_of(cause)}") from cause
         if not isinstance(value, Decimal) or not value.is_finite():
             raise broken(self.plugin, f"gives {value!r} instead of a finite Decimal")
         fine = value == value.quantize(_LAST_DIGIT, rounding=ROUND_HALF_EVEN)

@@ -26,7 +26,7 @@ from ariac_score.engine.provenance import file_hashes
 from ariac_score.engine.read import find_trial, read_needed
 from ariac_score.engine.signal_needs import needs_of
 from ariac_score.errors import ResultError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.results.result import Result
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
@@ -281,8 +281,8 @@ def _watched(plugin: Plugin, name: str, monitor: OnlineMonitor, trial: Trial) ->
                 for verdict in watch.step(samples):
                     if window is not None and window.start_s <= verdict.t_s <= window.end_s:
                         verdicts.setdefault(verdict.subject, []).append(verdict)
-    except (Exception, SystemExit) as cause:  # a plugin that calls sys.exit must not end the program
-        raise broken(plugin, f"raised {type(cause).__name__}: {cause}", of=name) from cause
+    except Exception as cause:  # a plugin that calls sys.exit must not end the program
+        raise broken(plugin, f"raised {fault_of(cause)}", of=name) from cause
     return [_online_track(name, subject, own) for subject, own in verdicts.items()]
 
 

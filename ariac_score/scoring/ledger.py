@@ -524,7 +524,7 @@ _WHY = {
     Verdict.NOT_APPLICABLE: "not applicable",
 }
 _NOTHING = {"gate": "violated, but not critical", "charged": "a heavier violation covers it"}
-_UNMEASURED = "measured: its check declares no best value to compare it with"
+_UNMEASURED = "measured: at its best, or its check declares no best value to compare it with"
 _CANCELLED = "what it brought and what it took cancel out"
 
 

@@ -26,6 +26,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import PluginError
+from ariac_score.installed.captured_output import fault_of
 from ariac_score.monitors.subjects import Subjects
 from ariac_score.testing.contract_check import (
     HINT,
@@ -212,7 +213,7 @@ class _Checked:
         try:
             made = type(self.check)(**values)
         except (Exception, SystemExit) as cause:
-            raise self.broken(f"cannot be built: {type(cause).__name__}: {cause}") from cause
+            raise self.broken(f"cannot be built: {fault_of(cause)}") from cause
         if not isinstance(made, GROUPS[self.plugin.group]):
             raise self.broken(f"makes a {type(made).__name__} when it is built")
         return made
@@ -367,7 +368,9 @@ class _Checked:
             try:
                 brought = list(bring(self._given))
             except (Exception, SystemExit) as cause:
-                raise self.broken(f"raised {type(cause).__name__} in 'example_trials': {cause}") from cause
+                raise self.broken(
+                    f"raised {fault_of(cause).name} in 'example_trials': {fault_of(cause).text}"
+                ) from cause
             for trial in brought:
                 if not isinstance(trial, Trial):
                     raise self.broken(f"brings a {type(trial).__name__} as an example instead of a Trial")
@@ -401,8 +404,9 @@ class _Checked:
         try:
             first, second = (snapshot(dict(check.resolved())) for check in (self.check, self._rebuilt()))
         except (Exception, SystemExit) as cause:
+            fault = fault_of(cause)
             raise self.broken(
-                f"raised {type(cause).__name__} when asked what its parameters come to: {cause}"
+                f"raised {fault.name} when asked what its parameters come to: {fault.text}"
             ) from cause
         if first != second:
             raise self.broken("says that its parameters come to something else when asked again")

@@ -10,11 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
+from ariac_score.installed.running import EndedError
+
 __all__ = ["OutOfTime", "Stopwatch"]
 
 
-class OutOfTime(BaseException):
-    """The code ran longer than it may; no `except Exception` of its own can catch it."""
+class OutOfTime(EndedError):  # noqa: N818  # a limit, no error
+    """The code ran longer than it may."""
 
 
 @dataclass

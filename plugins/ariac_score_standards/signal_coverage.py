@@ -14,6 +14,7 @@ from ariac_score import (
     Finding,
     FloatArray,
     Measure,
+    MissingSignalError,
     Signal,
     SignalNeed,
     Span,
@@ -114,15 +115,23 @@ class SignalCoverage:
         exposed = None
         if self.share_of == "exposure":
             pairs, within_m = _PAIRS.of(trial.bodies), self.exposure_distance_m
-            exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
+            try:
+                exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
+            except MissingSignalError as missing:
+                yield Finding.inconclusive("trial", missing.cause, span=trial.window, clause=_CLAUSE)
+                return
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
                 yield self._judge(trial, signal, exposed)
-            for name in _lacking(trial, quantity, {signal.name for signal in signals}):
+            consumed = [name for name in sorted(trial.as_consumed) if name.startswith(f"{quantity}/")]
+            for name in consumed:
+                message = MissingSignalError(name, trial.signals, trial.as_consumed).cause
+                yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
+            for name in _lacking(trial, quantity, {*(signal.name for signal in signals), *consumed}):
                 message = f"there is no signal {name!r}, but there is one of another subject"
                 yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
-            if not signals:
+            if not signals and not consumed:
                 message = f"there is no signal of {quantity!r}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:

@@ -15,8 +15,8 @@ import pytest
 
 COMMAND = """#!{python}
 import sys
-from ariac_score.cli import main
-sys.exit(main())
+from ariac_score.cli import program
+program()
 """
 
 

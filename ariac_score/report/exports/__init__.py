@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.registry import Registry
-from ariac_score.installed.captured_output import quiet
+from ariac_score.errors import PluginError
+from ariac_score.installed.captured_output import fault_of, quiet
 
 if TYPE_CHECKING:
     from ariac_score.results.result import Result
@@ -35,8 +36,10 @@ def exported(result: Result, name: str, registry: Registry | None = None) -> str
     try:
         with quiet(plugin.origin, deep=True):
             text = render(result)
-    except (Exception, SystemExit) as cause:  # a stranger's code may raise anything
-        raise broken(plugin, f"raised {type(cause).__name__}: {cause}") from cause
+    except PluginError:
+        raise
+    except Exception as cause:  # a stranger's code may raise anything
+        raise broken(plugin, f"raised {fault_of(cause)}") from cause
     if not isinstance(text, str):
         raise broken(plugin, f"gives a {type(text).__name__} instead of a text")
     return text

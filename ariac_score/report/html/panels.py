@@ -18,7 +18,7 @@ from markupsafe import Markup
 from ariac_score.checks.contracts import ReportPanel
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.errors import PluginError
-from ariac_score.installed.captured_output import quiet
+from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.report.html.page import panel_environment
 from ariac_score.results.result import Result
 
@@ -92,8 +92,8 @@ def panel_shown(plugin: Plugin, result: Result, registry: Registry) -> PanelShow
             block = _rendered(panel.template, _plain(data))
     except PluginError as error:
         return PanelShown(plugin.name, title, fault=str(error))
-    except (Exception, SystemExit) as cause:  # noqa: BLE001  # a stranger's code may raise anything
-        words = f"plugin {plugin.origin} raised {type(cause).__name__}: {cause}"
+    except Exception as cause:  # noqa: BLE001  # a stranger's code may raise anything
+        words = f"plugin {plugin.origin} raised {fault_of(cause)}"
         return PanelShown(plugin.name, title, fault=words)
     return PanelShown(plugin.name, title, Markup(block))  # noqa: S704  # escaped, and checked
 
