@@ -253,3 +253,34 @@ def test_a_page_without_a_result_inside_is_quiet(open_page: Any, result: Result,
 
     assert opened.complaints == []
     assert opened.page.locator(".controls").is_hidden()
+
+
+def test_inside_the_page_of_a_submission_it_plays_as_well(
+    open_page: Any, result: Result, tmp_path: Path
+) -> None:
+    from ariac_score.report.html.page import page as made  # noqa: PLC0415  # only here
+    from ariac_score.report.html.page import part  # noqa: PLC0415
+    from ariac_score.report.html.trial import SCRIPT  # noqa: PLC0415
+
+    inner = PAGES.write_page(tmp_path, result).read_text(encoding="utf-8")
+    run = {"title": "cell, run 1: counts", "page": inner, "open": True, "text": ""}
+    outcome = part(
+        "outcome.html.j2",
+        status="scored",
+        message="",
+        columns=[],
+        runs=[run, {**run, "open": False}],
+        sha256="",
+    )
+    file = tmp_path / "submission.html"
+    file.write_text(
+        made("submission.html.j2", heading="h", outcome=outcome, lines=(), allowed=SCRIPT), encoding="utf-8"
+    )
+    opened = open_page(file)
+
+    frame = opened.page.frame_locator("iframe").first
+    assert frame.locator(".replay output").inner_text().startswith("20.00 s")
+    frame.get_by_role("button", name="Show 14.00").click()
+    assert frame.locator(".replay output").inner_text().startswith("14.00 s")
+    assert opened.complaints == []
+    assert opened.elsewhere == []

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
+from markupsafe import Markup
+
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.page import page, shipped
@@ -35,8 +37,11 @@ from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
 from ariac_score.trial.words import Words
 
-__all__ = ["anchor", "embedded_result", "trial_page"]
+__all__ = ["SCRIPT", "anchor", "embedded_result", "trial_page"]
 
+NOTHING_ABOVE = Markup("")
+SCRIPT = shipped("times.js") + shipped("replay.js")
+"""The one script of the page, as its content policy names it."""
 MOST_CHARTS = 12
 MOST_LOSSES = 12
 # In `\\u003c` the backslash itself is escaped, and plain text follows: ours stands only after an even
@@ -46,13 +51,14 @@ _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result"
 
 
 @in_own_decimals
-def trial_page(result: Result, stored: str, home: str = "") -> str:
+def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTHING_ABOVE) -> str:
     """The page of a trial: one file that needs nothing else.
 
     Args:
         result: The result.
         stored: The same as canonical JSON, which the page carries inside.
         home: Link to the page of its competition; empty for none.
+        above: What stands before it on the page, escaped.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -67,8 +73,9 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     split = task_and_safety(result, rule_set)
     return page(
         "trial.html.j2",
-        script=shipped("times.js") + shipped("replay.js"),
+        script=SCRIPT,
         home=home,
+        above=above,
         summary=summary_of(result, rule_set),
         parts=parts_of(result, split) if split else None,
         places=Places(result),
