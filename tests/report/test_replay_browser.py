@@ -286,6 +286,17 @@ def test_inside_the_page_of_a_submission_it_plays_as_well(
     assert opened.elsewhere == []
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("t_s", [0.6, 10.0, 38.0])
+def test_no_time_of_the_replay_has_a_fault_of_accessibility(
+    open_page: Any, file: Path, faults_of: Any, t_s: float, scheme: str
+) -> None:
+    opened = open_page(file, color_scheme=scheme)
+    seek(opened.page, t_s)
+
+    assert faults_of(opened) == []
+
+
 def test_showing_another_time_leaves_the_page_where_it_is(open_page: Any, file: Path) -> None:
     page = open_page(file, viewport={"width": 390, "height": 500}).page
     plot = page.locator(".plot").first
