@@ -219,7 +219,10 @@ class _Made:
 
     def perfect(self, kind: str = "") -> Case:
         """One order with everything right, of one kind of task."""
-        case = Case(((_PARTS,),))
+        measured = self.world.measured.items()
+        case = Case(
+            ((_PARTS,),), numbers={f"{check}.{name}": 100.0 for check, names in measured for name in names}
+        )
         kinds: Mapping[str, str] = self.rule_set.expanded.get("kinds", {})
         before = list(kinds)[: list(kinds).index(kind)] if kind else []
         others = {check for one in before for check in self.world.kinds if check in str(kinds[one])}
