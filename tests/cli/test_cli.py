@@ -187,7 +187,8 @@ def test_explain_of_a_check_prices_each_of_its_findings(
 
     # Four colours of five, in the points and again in the bonus; order_1 counts three times.
     assert main(["explain", str(stored), "part_color"]) == 0
-    parts = [line.split("·")[-1].strip() for line in capsys.readouterr().out.splitlines() if "part_" in line]
+    lines = capsys.readouterr().out.splitlines()
+    parts = [line.split("·")[-1].strip() for line in lines if "part_" in line or " color ·" in line]
     amounts = [part for part in parts if part[0].isdigit()]
     nothing = "0  (it earned nothing)"
     assert amounts == ["2", "1", nothing, "1", "1", nothing, "1", "6", "3", "3", "3", "3"]
