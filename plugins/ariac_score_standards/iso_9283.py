@@ -41,6 +41,8 @@ class PosePerformance:
         repeatability_m: RP = l_bar + 3 S_l, m; NaN below two.
     """
 
+    part_of: ClassVar[str] = "task"
+
     n: int
     mean_m: tuple[float, ...]
     accuracy_m: float

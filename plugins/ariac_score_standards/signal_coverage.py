@@ -71,6 +71,8 @@ class SignalCoverage:
         Monitor catalogue, 1.4 and M19: 0.99 and 0.05 s are our choice.
     """
 
+    part_of: ClassVar[str] = "task"
+
     quantities: tuple[str, ...] = parameter(("position",), source="what the other monitors read")
     min_coverage: float = parameter(0.99, unit="1", at_least=0, at_most=1, source="catalogue, M19")
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")

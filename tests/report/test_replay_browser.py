@@ -284,3 +284,30 @@ def test_inside_the_page_of_a_submission_it_plays_as_well(
     assert frame.locator(".replay output").inner_text().startswith("14.00 s")
     assert opened.complaints == []
     assert opened.elsewhere == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("t_s", [0.6, 10.0, 38.0])
+def test_no_time_of_the_replay_has_a_fault_of_accessibility(
+    open_page: Any, file: Path, faults_of: Any, t_s: float, scheme: str
+) -> None:
+    opened = open_page(file, color_scheme=scheme)
+    seek(opened.page, t_s)
+
+    assert faults_of(opened) == []
+
+
+def test_showing_another_time_leaves_the_page_where_it_is(open_page: Any, file: Path) -> None:
+    page = open_page(file, viewport={"width": 390, "height": 500}).page
+    plot = page.locator(".plot").first
+    plot.scroll_into_view_if_needed()
+    before = page.evaluate("scrollY")
+    box = plot.bounding_box()
+
+    page.mouse.click(box["x"] + box["width"] * 0.52, box["y"] + box["height"] / 2)
+
+    assert told(page).startswith("20.")
+    assert page.evaluate("scrollY") == before
+    current = page.locator(".moments > .here").bounding_box()
+    shown = page.locator(".moments").bounding_box()
+    assert shown["y"] - 1 <= current["y"] <= shown["y"] + shown["height"]

@@ -115,7 +115,7 @@
     }
   }
 
-  function seek(t, quiet = false) {
+  function seek(t) {
     now = Math.min(Math.max(t, begin), end);
     scrub.value = now;
     main.style.setProperty("--now", (100 * (now - begin)) / (end - begin));
@@ -130,7 +130,11 @@
     const text = `${now.toFixed(2)} s${distance ? ` · ${distance}` : ""}`;
     told.textContent = text;
     scrub.setAttribute("aria-valuetext", text);
-    if (!quiet && here.length) here[0].item.scrollIntoView({ block: "nearest", behavior: "instant" });
+    if (here.length) { /* the list alone: the page stays where its reader is */
+      const item = here[0].item, list = item.parentElement, below = item.offsetTop + item.offsetHeight;
+      if (item.offsetTop < list.scrollTop) list.scrollTop = item.offsetTop;
+      else if (below > list.scrollTop + list.clientHeight) list.scrollTop = below - list.clientHeight;
+    }
   }
 
   function stop() {
@@ -141,17 +145,17 @@
   }
 
   function start() {
-    if (!touched || now >= end) seek(begin, true);
+    if (!touched || now >= end) seek(begin);
     touched = true;
     play.textContent = "Pause";
     play.setAttribute("aria-pressed", "true");
     if (still.matches) { /* a still picture each second instead of motion */
-      playing = setInterval(() => { seek(now + Number(speed.value), true); if (now >= end) stop(); }, 1000);
+      playing = setInterval(() => { seek(now + Number(speed.value)); if (now >= end) stop(); }, 1000);
       return;
     }
     let before = performance.now();
     const frame = (at) => {
-      seek(now + ((at - before) / 1000) * Number(speed.value), true);
+      seek(now + ((at - before) / 1000) * Number(speed.value));
       before = at;
       playing = now < end ? requestAnimationFrame(frame) : 0;
       if (!playing) stop();
@@ -200,5 +204,5 @@
   for (const part of replay.querySelectorAll("[data-scripted]")) part.hidden = false;
   scrub.disabled = false;
   const dearest = moments.filter((one) => one.violated).find((one) => one.item.hasAttribute("data-worst"));
-  seek(dearest ? dearest.t : begin, true);
+  seek(dearest ? dearest.t : begin);
 })();
