@@ -67,7 +67,7 @@ def _walk(door: str, folder: Path, run: Callable[[str], str]) -> int:
             for command in _commands(block):
                 steps += 1
                 printed += "" if command == INSTALL else run(command)
-        elif block.language == "python" and not block.text.startswith(" "):  # else it is shown from a file
+        elif block.language == "python" and "import" in block.text:  # else it is part of a file
             out = io.StringIO()
             with redirect_stdout(out):
                 exec(compile(block.text, door, "exec"), {})  # noqa: S102  # our own text

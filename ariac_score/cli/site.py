@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ariac_score.cli.notes import counted, note
+from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.compare import differences
@@ -99,7 +99,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     previous = _previous(arguments)
     grid = dict(map(_values, arguments.what_if or ())) or competition.what_if
     check_grid(competition, rule_set, grid, registry_for(competition))
-    with counting_bar("scoring", len(competition.runs)) as step:
+    with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
         results = score_runs(
             competition,
             rule_set,
@@ -244,6 +244,6 @@ def _make(
 ) -> None:
     publication = load_publication(file)
     site = Site(publication, folder, previous, sensitivity, what_if)
-    with counting_bar("drawing", len(publication.results)) as step:
+    with counting_bar("drawing", len(publication.results), quiet=is_quiet(arguments)) as step:
         count = write_site(site, out, write, progress=step)
     note(arguments, f"{counted(count, 'file')} in {out}; open {out / 'index.html'}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 import ariac_score
@@ -61,7 +61,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, content=text))
     for file in [*sorted((ROOT / "schemas").glob("*.json")), *sorted(ROOT.glob("examples/**/README.md"))]:
         if not _is_built(file):
-            files.append(File.generated(config, file.relative_to(ROOT).as_posix(), abs_src_path=str(file)))
+            name = file.relative_to(ROOT).as_posix()
+            copied = File.generated(config, name, abs_src_path=str(file), inclusion=InclusionLevel.NOT_IN_NAV)
+            files.append(copied)
     files.append(File.generated(config, WORKER, abs_src_path=str(Path(__file__).with_name("worker.js"))))
     return files
 
