@@ -369,7 +369,7 @@ def sqlite_bag_cut_in_the_middle(folder: Path) -> list[str]:
 @case
 def jsonl_cut_in_a_line(folder: Path) -> list[str]:
     command = _log(folder, kitting_trial())
-    _cut(folder / "trial.jsonl", 0.5)
+    _cut(folder / "trial.jsonl", 0.5002)
     return command
 
 

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from numbers import Real
 from typing import Any
 
@@ -25,7 +26,16 @@ from ariac_score.trial.spans import Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
 from ariac_score.trial.work import WorkItem, announced_s
 
-__all__ = ["Breach", "Grounds", "Subjects", "breach_of", "margin_breach", "shown", "watched_in"]
+__all__ = [
+    "Breach",
+    "Grounds",
+    "Subjects",
+    "breach_of",
+    "margin_breach",
+    "shown",
+    "stored_breaches",
+    "watched_in",
+]
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,16 @@ def breach_of(finding: Finding, grounds: Grounds) -> Breach | None:
     return next(_breaches(finding, grounds), None)
 
 
+def stored_breaches(
+    findings: Mapping[str, Finding], measures: Mapping[str, Mapping[str, Measure]], watched: Span | None
+) -> Iterator[tuple[str, Breach]]:
+    """The first thing that is wrong with each stored finding, by its key, as far as a result shows it."""
+    for key, finding in findings.items():
+        # Which bodies and signals there were, a result does not say.
+        if breach := breach_of(finding, Grounds(measures.get(finding.check), watched)):
+            yield key, breach
+
+
 def _breaches(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
     yield from _of_kind(finding)
     yield from _of_subject(finding, grounds)
@@ -118,6 +138,13 @@ def _number(value: Any) -> float | None:
     except OverflowError:  # an integer beyond all floats
         return None
     return number if math.isfinite(number) else None
+
+
+def _no_number(value: Any) -> str:
+    """Why a value is no finite number, in words."""
+    if isinstance(value, Decimal):
+        return "a Decimal where a float belongs: float(…) makes one"
+    return "which is no finite number"
 
 
 # What it is about, and when ------------------------------------------------------------
@@ -176,7 +203,7 @@ def _of_margin(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
         return
     margin = _number(finding.robustness)
     if margin is None:
-        yield Breach("robustness", f"is {finding.robustness!r}, which is no finite number")
+        yield Breach("robustness", f"is {finding.robustness!r}, {_no_number(finding.robustness)}")
         return
     if not finding.unit:
         yield Breach("unit", f"is empty, but it has a margin of {margin:+g}")
@@ -212,7 +239,7 @@ def _of_quantities(finding: Finding, grounds: Grounds) -> Iterator[Breach]:
             yield Breach("quantities", f"have the name {name!r}, which is no text")
             continue
         if number is None:
-            yield Breach(place, f"is {value!r}, which is no finite number")
+            yield Breach(place, f"is {value!r}, {_no_number(value)}")
             continue
         measure = None if grounds.measures is None else grounds.measures.get(name)
         if grounds.measures is not None and measure is None:

@@ -60,8 +60,16 @@ class Verdict(str, Enum):
     """There was nothing to judge, and the log shows that there was nothing."""
 
     @classmethod
-    def of(cls, robustness: float) -> Verdict:
-        """Violated below 0; equality satisfies."""
+    def of(cls, robustness: float | None) -> Verdict:
+        """Violated below 0; equality satisfies.
+
+        Raises:
+            TypeError: There is no margin to judge by.
+        """
+        if robustness is None:
+            raise TypeError(
+                "Verdict.of takes a margin, not None; where none is known, yield Finding.inconclusive"
+            )
         return cls.VIOLATED if robustness < 0 else cls.SATISFIED
 
 

@@ -54,6 +54,9 @@ FILE_GROUPS: Mapping[str, str] = {
 }
 """Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
 
+_AUDIT = ".audit"
+"""What a rule set says to auditors lies beside it, in a file of its own, and is none."""
+
 _CLASSES = "classes"
 """Weights that all penalties share; it lies among them and is none."""
 
@@ -293,7 +296,8 @@ def _as_type(value: Any, wanted: Any) -> Any:
         and (wanted is bool or not isinstance(value, bool))
     ):
         return value
-    raise ValueError(f"{value!r} is not a {getattr(wanted, '__name__', wanted)}")
+    name = str(getattr(wanted, "__name__", wanted))
+    raise ValueError(f"{value!r} is not {'an' if name[0] in 'aeiou' else 'a'} {name}")
 
 
 _NUMBER = re.compile(r"[-+]?[0-9.]+[eE][-+]?[0-9]+")
@@ -448,7 +452,7 @@ def _files_of(plugin: Plugin) -> list[DataFile]:
     files = []
     for path in sorted(place.rglob("*.yaml")):
         *folders, stem = path.relative_to(place).with_suffix("").parts
-        if stem not in others:
+        if stem not in others and not stem.endswith(_AUDIT):
             inner = folders if stem == own else [*folders, stem]
             files.append(DataFile(".".join([plugin.name, *inner]), path, plugin))
     return files

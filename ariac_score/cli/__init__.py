@@ -95,6 +95,7 @@ def _parser(name: str) -> Parser:
         "2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
         "6 damaged log or undecided score, 7 a batch could not be finished.",
         groups=_GROUPS,
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     parser.add_argument(

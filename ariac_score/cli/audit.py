@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.registry import Registry
+from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import FORMAT_HELP
 from ariac_score.errors import UsageError
 from ariac_score.logs.rosmonitoring import RosMonitoringReader
@@ -51,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.path)
     if RosMonitoringReader().can_read(arguments.path):
         return _verdicts(arguments)
-    with progress_bar(arguments.path) as progress:
+    with progress_bar(arguments.path, quiet=is_quiet(arguments)) as progress:
         audited = audit(arguments.path, arguments.rules, against=arguments.against, progress=progress)
     if arguments.output_format == "json":
         write(AUDIT.text(audited), arguments.output)

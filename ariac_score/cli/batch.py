@@ -22,6 +22,7 @@ from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_lis
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import OnOutcome, Report, run_batch
 from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, TaskKey, of_shard, plan_batch, shard
+from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.errors import UsageError
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.style import plain
@@ -133,7 +134,7 @@ def _run(
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
     try:
-        with store.working() as work, _progress(len(tasks)) as on_outcome:
+        with store.working() as work, _progress(arguments, len(tasks)) as on_outcome:
             executor = make_executor(
                 arguments.executor,
                 jobs=arguments.jobs,
@@ -187,13 +188,12 @@ def _is_competition(folder: Path) -> bool:
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[OnOutcome]:
-    """A bar with counts of outcomes on a terminal; else one line for each run."""
-    if not sys.stderr.isatty():
+def _progress(arguments: argparse.Namespace, total: int) -> Iterator[OnOutcome]:
+    """A bar with counts of outcomes on a terminal; else one line for each run; nothing with `--quiet`."""
+    if is_quiet(arguments) or not sys.stderr.isatty():
 
         def line(key: TaskKey, outcome: str, reason: str) -> None:
-            text = f"{_name(key)}: {_words(outcome)}{': ' + reason if reason else ''}"
-            sys.stderr.write(f"{plain(text)}\n")
+            note(arguments, f"{_name(key)}: {_words(outcome)}{': ' + reason if reason else ''}")
 
         yield line
         return
@@ -218,11 +218,6 @@ def _words(outcome: str) -> str:
     return outcome.replace("_", " ")
 
 
-def runs_text(count: int) -> str:
-    """A number of runs."""
-    return f"{count} run{'' if count == 1 else 's'}"
-
-
 def outcomes_text(counts: Mapping[str, int]) -> str:
     """Counts of outcomes, the largest first."""
     ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
@@ -230,13 +225,13 @@ def outcomes_text(counts: Mapping[str, int]) -> str:
 
 
 def _show(report: Report, plan: BatchPlan, out: Path) -> None:
-    print(f"{plain(plan.id)}: {runs_text(report.runs)}: {outcomes_text(report.outcomes)}")
+    print(f"{plain(plan.id)}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
     if report.cpu_s:
         print(f"{report.scored_now} scored now, in {report.cpu_s:.1f} s of processor time")
     if report.scored_now < report.runs:
         print(f"{report.runs - report.scored_now} scored before")
     if report.contradictions:
-        rows = f"{report.contradictions} row{'' if report.contradictions == 1 else 's'}"
+        rows = counted(report.contradictions, "row")
         verb = "was" if report.contradictions == 1 else "were"
         print(f"{rows} of the tables contradicted the stored results and {verb} made again")
     for stranger in plan.strangers:

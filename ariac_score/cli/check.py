@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import is_quiet
 from ariac_score.review.readiness import Readiness, check_log
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
@@ -41,7 +42,7 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check and show; the exit code is 0 if it can be scored."""
     rule_set = load_rule_set(arguments.rules)
-    with progress_bar(arguments.path) as progress:
+    with progress_bar(arguments.path, quiet=is_quiet(arguments)) as progress:
         found = check_log(
             arguments.path,
             rule_set,

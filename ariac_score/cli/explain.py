@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             *(part for path in lines for part in path.split("/")),
             *result.measured.findings,
             *result.checks,
+            *(scope.path for scope in result.measured.scopes.walk() if scope.path),
         }
         raise UsageError(
             f"nothing in the result has the name {arguments.path!r}",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
-from ariac_score.cli.notes import counted
+from ariac_score.cli.notes import counted, is_quiet
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare, words_of
 from ariac_score.engine.read import competition_of, find_trial, read_trial
@@ -89,7 +89,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     prepared = prepare(rule_set, log_map=arguments.log_map, registry=registry) if rule_set else None
     mapping = prepared.log_map if prepared else load_log_map(name)
     try:
-        with progress_bar(arguments.path) as progress:
+        with progress_bar(arguments.path, quiet=is_quiet(arguments)) as progress:
             trial = read_trial(
                 bundle,
                 readers,

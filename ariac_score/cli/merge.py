@@ -8,7 +8,8 @@ from typing import Any
 
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.store import Store
-from ariac_score.cli.batch import EXIT_UNSETTLED, outcomes_text, runs_text
+from ariac_score.cli.batch import EXIT_UNSETTLED, outcomes_text
+from ariac_score.cli.notes import counted
 from ariac_score.errors import UsageError
 from ariac_score.terminal.style import plain
 
@@ -37,5 +38,5 @@ def run(arguments: argparse.Namespace) -> int:
     store = Store(arguments.output)
     with store.working() as work:
         report = merge_batches(arguments.parts, store, work, mixed_code=arguments.mixed_code)
-    print(f"{plain(str(arguments.output))}: {runs_text(report.runs)}: {outcomes_text(report.outcomes)}")
+    print(f"{plain(str(arguments.output))}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
     return EXIT_UNSETTLED if report.unsettled else 0

@@ -8,7 +8,7 @@ import sys
 
 from ariac_score.terminal.style import plain
 
-__all__ = ["APART", "counted", "is_apart", "note"]
+__all__ = ["APART", "counted", "is_apart", "is_quiet", "note"]
 
 APART = "ARIAC_SCORE_APART"
 """Environment variable that tells a command that another one runs it in a process of its own."""
@@ -19,9 +19,14 @@ def is_apart() -> bool:
     return bool(os.environ.get(APART))
 
 
+def is_quiet(arguments: argparse.Namespace) -> bool:
+    """Whether results and errors alone are wanted."""
+    return getattr(arguments, "verbosity", 0) < 0
+
+
 def note(arguments: argparse.Namespace, text: str) -> None:
     """Say something that is neither a result nor an error, in one line."""
-    if getattr(arguments, "verbosity", 0) >= 0:
+    if not is_quiet(arguments):
         print(plain(text), file=sys.stderr)
 
 

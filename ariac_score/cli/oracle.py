@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ariac_score.checks.registry import Registry
+from ariac_score.cli.notes import note
 from ariac_score.errors import UsageError
 from ariac_score.oracle.judges import Bench, RulesBench, SpecBench
 from ariac_score.oracle.results import write_results
 from ariac_score.oracle.server import Limits, Oracle
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
-from ariac_score.terminal.style import plain
 
 
 def register(commands: Any) -> None:
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     oracle = Oracle(
         bench, arguments.output, host=arguments.host, port=arguments.port, limits=_limits(arguments)
     )
-    _introduce(oracle, bench)
+    _introduce(arguments, oracle, bench)
     _serve(oracle)
     written = write_results(
         arguments.output,
@@ -106,14 +106,14 @@ def _limits(arguments: argparse.Namespace) -> Limits:
         raise UsageError(str(cause), hint="see 'ariac-score oracle --help'") from cause
 
 
-def _introduce(oracle: Oracle, bench: Bench) -> None:
-    print(f"listening on {oracle.url}", file=sys.stderr)
+def _introduce(arguments: argparse.Namespace, oracle: Oracle, bench: Bench) -> None:
+    note(arguments, f"listening on {oracle.url}")
     if bench.live:
-        print(f"judged event by event: {plain(', '.join(bench.live))}", file=sys.stderr)
+        note(arguments, f"judged event by event: {', '.join(bench.live)}")
     else:
-        print("no check can be judged event by event: every verdict will be 'unknown'", file=sys.stderr)
+        note(arguments, "no check can be judged event by event: every verdict will be 'unknown'")
     for name, reason in bench.later.items():
-        print(f"judged at the end: {plain(name)} ({plain(reason)})", file=sys.stderr)
+        note(arguments, f"judged at the end: {name} ({reason})")
     sys.stderr.flush()
 
 

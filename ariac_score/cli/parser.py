@@ -134,11 +134,10 @@ _EVERYWHERE: tuple[tuple[tuple[str, ...], str, dict[str, Any]], ...] = (
     (("--config",), "take settings from this file, and from no other", {"type": Path, "metavar": "FILE"}),
     (("--no-config",), "take settings from no file", {"action": "store_true"}),
 )
-_WITHOUT_VALUE = {name for names, _, more in _EVERYWHERE for name in names if "action" in more}
 
 
 def command_in(given: Sequence[str]) -> str:
-    """The command of a command line, which options that every command has may precede; or the first word.
+    """The command of a command line, which options that every command has may precede; or `--version`.
 
     >>> command_in(["-v", "--config", "ours.toml", "score", "trial.mcap"])
     'score'
@@ -147,8 +146,6 @@ def command_in(given: Sequence[str]) -> str:
     for word in words:
         if word == "--config":
             next(words, None)
-        elif word not in ("-q", "--quiet", "-v", "--verbose", "--no-config") and not word.startswith(
-            "--config="
-        ):
+        elif not word.startswith("-") or word == "--version":
             return word
     return ""

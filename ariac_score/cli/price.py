@@ -11,6 +11,7 @@ from ariac_score.cli.outcome import add_output, show
 from ariac_score.cli.score import add_cohort, load_cohort_of, values_of
 from ariac_score.cli.stored import result_given
 from ariac_score.engine.price import reprice
+from ariac_score.results.result_file import refuse_impossible
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import refuse_inputs
 
@@ -35,6 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Load, price, show; the same output and exit codes as `score`."""
     refuse_inputs(arguments.output, arguments.result)
     stored = result_given(arguments.result, "price")
+    refuse_impossible(stored, arguments.result)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
     values = None if cohort is None else values_of(cohort, arguments, stored)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.results import results_of_batch
+from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import FORMAT_HELP
 from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
@@ -95,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.batch, competition, rule_set, sketches=arguments.results is not None
         )
     else:
-        with counting_bar("scoring", len(competition.runs)) as step:
+        with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
             results = score_runs(
                 competition,
                 rule_set,

@@ -19,12 +19,15 @@ from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError
 from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.review.laws.proving import DEFAULT_CASES, check_laws, event_checks
+from ariac_score.report.rulebook import rulebook_markdown
+from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
+from ariac_score.review.rulebook import rulebook
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
+from ariac_score.terminal.output import write
 from ariac_score.terminal.style import plain
 
 
@@ -36,7 +39,11 @@ def register(commands: Any) -> None:
     listing.set_defaults(run=run_list)
     show = add_action(actions, "show", "show the text of a rule set")
     show.add_argument("name", metavar="NAME")
-    show.add_argument("--expanded", action="store_true", help="merge in everything it extends")
+    form = show.add_mutually_exclusive_group()
+    form.add_argument("--expanded", action="store_true", help="merge in everything it extends")
+    form.add_argument(
+        "--as", choices=["rulebook"], dest="form", help="a rulebook for referees, made from the rule set"
+    )
     show.set_defaults(run=run_show)
     diff = add_action(actions, "diff", "show the differences between two rule sets")
     diff.add_argument("first", metavar="A", help="rule set: a name or a .yaml file")
@@ -102,6 +109,9 @@ def run_list(_arguments: argparse.Namespace) -> int:
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the text of the rule set, comments included; or merged with what it extends."""
     rule_set = load_rule_set(arguments.name)
+    if arguments.form == "rulebook":
+        write(rulebook_markdown(rulebook(rule_set, Registry())), None)
+        return 0
     text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
     sys.stdout.write(text)
     return 0
@@ -165,8 +175,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         is_penalty = name in penalties or name.startswith("penalty.")
         rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
         events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
+        bridged = {} if is_penalty else bridged_pauses(rule_set, registry)
         cases = arguments.cases or DEFAULT_CASES
-        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events)
+        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events, bridged=bridged)
         tried = sum(outcome.cases for outcome in outcomes)
         where = f"{name} on a made competition" if is_penalty else rule_set.id
         print(f"{where}: {tried} random cases, seed {arguments.seed}")

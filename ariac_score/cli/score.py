@@ -9,6 +9,7 @@ from typing import Any
 
 from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import add_output, show
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
@@ -91,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         return run_apart(arguments.given, limit_s=arguments.time_limit_s)
     rule_set = load_rule_set(arguments.rules)
     cohort = load_cohort_of(arguments, rule_set)
-    with progress_bar(arguments.path) as progress:
+    with progress_bar(arguments.path, quiet=is_quiet(arguments)) as progress:
         result = score_trial(
             arguments.path,
             rule_set,

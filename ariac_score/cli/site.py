@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ariac_score.cli.notes import counted, note
+from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.compare import differences
@@ -23,7 +23,7 @@ from ariac_score.report.site.site import Site, write_site
 from ariac_score.results.result import Result
 from ariac_score.review.sensitivity import RankSensitivity, rank_sensitivity
 from ariac_score.review.sensitivity_file import load_rank_sensitivity
-from ariac_score.review.what_if import MOST_POINTS, WhatIf, explore
+from ariac_score.review.what_if import MOST_POINTS, WhatIf, check_grid, explore
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, write
 
@@ -97,7 +97,9 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(competition.rules)
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     previous = _previous(arguments)
-    with counting_bar("scoring", len(competition.runs)) as step:
+    grid = dict(map(_values, arguments.what_if or ())) or competition.what_if
+    check_grid(competition, rule_set, grid, registry_for(competition))
+    with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
         results = score_runs(
             competition,
             rule_set,
@@ -110,7 +112,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     strict = evaluation_of(competition, rule_set, spec) if competition.runs else None
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
-    what_if = _what_if(arguments, competition, rule_set, results)
+    what_if = _what_if(grid, competition, rule_set, results)
     after = ranking.stewarded
     # The site is made of stored files alone, so that one of a stored ranking is the same.
     with TemporaryDirectory() as folder:
@@ -194,19 +196,12 @@ def _sensitivity(
 
 
 def _what_if(
-    arguments: argparse.Namespace,
+    grid: Mapping[str, Sequence[float]],
     competition: Competition,
     rule_set: RuleSet,
     results: dict[RunKey, Result | ScoreError],
 ) -> WhatIf | None:
-    """The ranking under the numbers that the options give, or else the competition.
-
-    Raises:
-        UsageError: An option is no list of numbers.
-        RuleSetError: The rules have no such number, or the values are too many.
-    """
-    given: Mapping[str, Sequence[float]] = dict(map(_values, arguments.what_if or ()))
-    grid = given or competition.what_if
+    """The ranking under other numbers; `None` where none are named."""
     if not grid or not results:
         return None
     with counting_bar("what if", MOST_POINTS) as step:
@@ -221,6 +216,11 @@ def _what_if(
 
 
 def _values(text: str) -> tuple[str, tuple[float, ...]]:
+    """A number of the rules and the values it may have.
+
+    Raises:
+        UsageError: The text is something else.
+    """
     name, sign, values = text.partition("=")
     try:
         numbers = tuple(float(value) for value in values.split(","))
@@ -244,6 +244,6 @@ def _make(
 ) -> None:
     publication = load_publication(file)
     site = Site(publication, folder, previous, sensitivity, what_if)
-    with counting_bar("drawing", len(publication.results)) as step:
+    with counting_bar("drawing", len(publication.results), quiet=is_quiet(arguments)) as step:
         count = write_site(site, out, write, progress=step)
     note(arguments, f"{counted(count, 'file')} in {out}; open {out / 'index.html'}")

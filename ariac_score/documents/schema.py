@@ -145,7 +145,7 @@ def _description(fault: Any) -> tuple[Place, str, str]:
     if fault.validator == "type":
         return (
             path,
-            f"{fault.instance!r} is not of type {fault.validator_value!r}",
+            f"{fault.instance!r} is not of type {_listed_types(fault.validator_value, repr)}",
             _of_type(fault),
         )
     hint = (
@@ -163,12 +163,22 @@ def _of_type(fault: Any) -> str:
         return f"write keys with their values, such as '{first}: …'"
     if fault.validator_value == "array":
         return "give a list: [one, another]"
-    words = str(fault.validator_value)
-    return f"give {'an' if words == 'integer' else 'a'} {words}"
+    return f"give {_listed_types(fault.validator_value, _with_article)}"
 
 
-def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = DataFileError) -> None:
-    """Check a document against a published schema.
+def _listed_types(types: str | list[str], say: Callable[[str], str]) -> str:
+    """The types of a schema in words."""
+    return " or ".join(map(say, [types] if isinstance(types, str) else types))
+
+
+def _with_article(kind: str) -> str:
+    return kind if kind == "null" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def validate(
+    document: YamlDocument, name: str, *, definition: str = "", error: type[DataFileError] = DataFileError
+) -> None:
+    """Check a document against a published schema, or against one definition in it.
 
     Raises:
         DataFileError: (or `error`) with file, line, path, cause and remedy of the first fault.
@@ -176,7 +186,7 @@ def validate(document: YamlDocument, name: str, *, error: type[DataFileError] = 
     if document.data is None:  # no text, or only comments
         required = ", ".join(f"{key!r}" for key in schema(name).get("required", ()))
         raise error("the file is empty", file=document.file, hint=f"write its keys: {required}")
-    faults = schema_errors(document.data, name)
+    faults = schema_errors(document.data, name, definition)
     if faults:
         path, cause, hint = faults[0]
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,7 @@ class YamlDocument:
         sha256: Hash of its bytes.
         lines: Line (from 1) of each value, by its path from the root.
         repeats: Keys given twice, where the caller allows that.
+        files: The file of a key at the top that stands in another file than the rest.
     """
 
     data: Any
@@ -68,6 +69,7 @@ class YamlDocument:
     sha256: str
     lines: Mapping[Place, int]
     repeats: tuple[RepeatedKey, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def place(self, path: Sequence[str | int]) -> str:
         """A path for an error message: the line and a JSON path, such as `line 7, $.terms.order`."""

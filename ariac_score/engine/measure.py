@@ -141,10 +141,15 @@ def sketch_trial(trial: Trial, prepared: Prepared, measured: Measured) -> Sketch
         key=lambda f: f.robustness or 0.0,
     )
     moments: dict[tuple[str, str], list[Span]] = {}
+    instants_s: dict[str, list[float]] = {}
     for finding in found:
         at_s = finding.evidence[0].t_s if finding.evidence else 0.0
-        moments.setdefault((finding.check, finding.subject), []).append(finding.span or Span(at_s, at_s))
-    return sketch_of(trial, charts, moments, prepared.words.spoken)
+        span = finding.span or Span(at_s, at_s)
+        moments.setdefault((finding.check, finding.subject), []).append(span)
+        if finding.verdict is Verdict.VIOLATED:
+            worst_s = at_s if finding.evidence else span.start_s
+            instants_s.setdefault(finding.subject, []).extend((worst_s, span.start_s, span.end_s))
+    return sketch_of(trial, charts, moments, prepared.words.spoken, instants_s)
 
 
 def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:

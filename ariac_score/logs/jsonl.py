@@ -42,7 +42,8 @@ from ariac_score.trial.work import Item, Submission
 
 __all__ = ["FORMAT", "JsonLinesReader"]
 
-FORMAT = "ariac-score-trial-log/1"
+_ANY_FORMAT = "ariac-score-trial-log/"
+FORMAT = f"{_ANY_FORMAT}1"
 MAX_LINE_BYTES = 10_000_000
 MAX_TIME_S = 1e11
 """Stamps further from 0 than this are not times of a trial."""
@@ -88,7 +89,7 @@ class JsonLinesReader:
                 head = stream.read(4096)
         except OSError:
             return False
-        return FORMAT.encode() in head or (not head and path.suffix == ".jsonl")
+        return _ANY_FORMAT.encode() in head or (not head and path.suffix == ".jsonl")
 
     def describe(self, path: Path) -> LogDescription:
         """Records and signals with counts, rates and gaps; of a damaged log those before the damage."""
@@ -241,7 +242,9 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
     try:
         record = json.loads(line, object_pairs_hook=without_repeats)
     except (ValueError, RecursionError) as cause:
-        raise _fault(path, number, f"not a JSON record: {cause}", "one JSON object on each line") from None
+        # The message of `json` counts lines within this one.
+        at = f"{cause.msg} at column {cause.colno}" if isinstance(cause, json.JSONDecodeError) else cause
+        raise _fault(path, number, f"not a JSON record: {at}", "one JSON object on each line") from None
     if not isinstance(record, dict):
         raise _fault(path, number, "not a JSON object", "one JSON object on each line")
     kind = record.get("record")
@@ -253,6 +256,10 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
     if not own and not (isinstance(kind, str) and kind in kinds):
         hint = did_you_mean(str(kind), [*_KINDS, *kinds], what="records")
         raise _fault(path, number, f"record {kind!r} is unknown", hint)
+    written = record.get("format")
+    if kind == "trial" and str(written).startswith(_ANY_FORMAT) and written != FORMAT:
+        words = f"the log is in the format {written!r}; this version reads {FORMAT!r}"
+        raise _fault(path, number, words, "install a version that reads it, or write the log anew")
     if _has_huge_integer(record):
         raise _fault(path, number, "a number is too large", "numbers are SI units of a trial; see the schema")
     faults = (
@@ -331,7 +338,9 @@ def _take(builder: TrialBuilder, record: Record, kinds: _Kinds, where: str) -> N
             builder.team = TeamSetup(record["team"])
     elif kind == "body":
         links = tuple(record.get("links", []))
-        builder.add_body(Body(record["id"], record["kind"], float(record.get("radius_m", 0.0)), links))
+        radius_m = record.get("radius_m")
+        radius_m = None if radius_m is None else float(radius_m)
+        builder.add_body(Body(record["id"], record["kind"], radius_m, links))
     elif kind == "item":
         t_s = record.get("t_s")
         builder.add(replace(_item(record), announced_s=None if t_s is None else float(t_s)))

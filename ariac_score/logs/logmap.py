@@ -171,7 +171,8 @@ def _parsed(document: YamlDocument) -> LogMap:
     data = document.data
     # `float` everywhere: YAML gives an integer where the author writes 1 for 1.0.
     bodies = {
-        key: Body(key, b["kind"], float(b.get("radius_m", 0.0))) for key, b in data.get("bodies", {}).items()
+        key: Body(key, b["kind"], _number_or_none(b.get("radius_m")))
+        for key, b in data.get("bodies", {}).items()
     }
     log_map = LogMap(
         id=data["id"],
@@ -215,12 +216,16 @@ def _plugin_use(document: YamlDocument, section: str) -> PluginUse | None:
     return PluginUse(data["use"], parameters, str(document.file), {**place, "": document.place([section])})
 
 
+def _number_or_none(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
 def _match(data: dict[str, Any]) -> BodyMatch:
     return BodyMatch(
         match=data["match"],
         kind=data["kind"],
         body=data.get("body", ""),
-        radius_m=float(data.get("radius_m", 0.0)),
+        radius_m=_number_or_none(data.get("radius_m")),
         links=tuple(data.get("links", [])),
     )
 

@@ -115,6 +115,12 @@ class Bound:
         """Signed distance to the limit, shape (n,), negative where it is broken."""
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
+    @property
+    def unknown(self) -> BoolArray:
+        """Where the limit applies, but what is measured or the limit itself is NaN, shape (n,)."""
+        unknown: BoolArray = np.isnan(self.actual) | np.isnan(self.limit)
+        return unknown if self.applies is None else unknown & self.applies
+
     @cached_property
     def limited(self) -> BoolArray:
         """Where there is a limit, shape (n,)."""
@@ -270,7 +276,7 @@ class FindingRules:
 
     clause: str = ""
     t_on_s: float = 0.0
-    t_off_s: float = 1.0
+    t_off_s: float = 0.0
     idle: str = "the limit never applied"
     critical: bool = False
     measures_clean: bool = True

@@ -174,8 +174,12 @@ class LimitMonitor(SubjectMonitor):
 
     Besides what every `SubjectMonitor` states it states `margin`; findings, episodes, severities, margins
     over time and declared measures follow. Two more parameters count where the class has them: `t_on_s`,
-    the shortest violation that counts (0 s), and `t_off_s`, below which a pause is bridged (1 s).
+    the shortest violation that counts, and `t_off_s`, below which a pause is bridged. Without them every
+    violation counts and no pause is bridged: what no page and no result states does not happen.
     """
+
+    t_on_s: float | None = 0.0
+    t_off_s: float = 0.0
 
     # What a monitor states ------------------------------------------------------------------------
 
@@ -291,6 +295,10 @@ class LimitMonitor(SubjectMonitor):
         unit: str,
         strict: bool,
     ) -> Bound:
+        _refuse_no_numbers("what is measured", actual)
+        _refuse_no_numbers("its limit", limit)
+        if where is not None and np.asarray(where).dtype.kind != "b":
+            raise TypeError(f"'where' is {_in_words(where)}, not true or false for each sample")
         # Of one instant both stay plain numbers: arrays of one would take most of the time of a live form.
         if isinstance(actual, np.ndarray) and not isinstance(limit, np.ndarray):
             limit = np.full_like(actual, limit)
@@ -307,8 +315,7 @@ class LimitMonitor(SubjectMonitor):
     @property
     def rules(self) -> FindingRules:
         """How samples become findings."""
-        t_on_s, t_off_s = getattr(self, "t_on_s", 0.0), getattr(self, "t_off_s", 1.0)
-        return FindingRules(self.clause, t_on_s, t_off_s, self.idle, self.critical)
+        return FindingRules(self.clause, self.t_on_s or 0.0, self.t_off_s, self.idle, self.critical)
 
     @property
     def _helpful(self) -> Mapping[str, str]:
@@ -329,6 +336,7 @@ class LimitMonitor(SubjectMonitor):
         found = self.margin(signals)
         if isinstance(found, Bound):
             return found
+        _refuse_no_numbers("the margin", found)
         nothing = np.zeros_like(found)
         return Bound(self.what, np.nan_to_num(found), nothing, self.unit, applies=~np.isnan(found))
 
@@ -350,10 +358,15 @@ class LimitMonitor(SubjectMonitor):
             severity: In place of the monitor's own `severity`.
             labels: In place of the monitor's own `labels`.
         """
-        if np.shape(bound.margin) != (len(signals),):
-            shape = np.shape(bound.margin)
+        columns = [bound.margin] if bound.applies is None else [bound.margin, bound.applies]
+        for shape in {np.shape(column) for column in columns} - {(len(signals),)}:
             raise ValueError(
                 f"margin has the shape {shape}, but one number for each of {len(signals)} samples is due"
+            )
+        if bound.unknown.any():
+            raise ValueError(
+                f"the margin is NaN at {signals.t[np.argmax(bound.unknown)]:.3f} s, where the limit applies; "
+                "say with 'where' where it does not, and raise UndecidedError for what is not known"
             )
         limit, met = JudgedLimit(signals, bound), self.encounter
         exposure = {} if met is None else met.exposure(signals)  # of the whole trial, so once
@@ -368,6 +381,26 @@ class LimitMonitor(SubjectMonitor):
             )
 
         return limit_findings(limit, rules or self.rules, describe)
+
+
+def _refuse_no_numbers(what: str, given: Any) -> None:
+    """Refuse what numpy would take for NaN, or for 0 and 1, and so for a limit that is kept.
+
+    Raises:
+        TypeError: It is neither a number nor an array of numbers.
+    """
+    # Of one instant it is a float nearly always, and to ask numpy would take most of the time of a live form.
+    if type(given) is not float and np.asarray(given).dtype.kind not in "fiu":
+        raise TypeError(
+            f"{what} is {_in_words(given)}, not a number for each sample; a margin is how far a limit is "
+            "kept, below 0 where it is broken, such as self.at_most(measured, limit)"
+        )
+
+
+def _in_words(given: Any) -> str:
+    """What a value is that should have been another."""
+    kind = np.asarray(given).dtype.kind
+    return "None" if given is None else "true or false" if kind == "b" else f"of type {type(given).__name__}"
 
 
 class MarginMonitor(LimitMonitor):

@@ -132,9 +132,15 @@ class Watched:
         return state.on
 
     def radius_m(self, place: str) -> float:
-        """The radius of the subject's body at a placeholder of the templates, m."""
-        (radius_m,) = (body.radius_m for body in self.trial.bodies if body.id == self.subject.bodies[place])
-        return radius_m
+        """The radius of the subject's body at a placeholder of the templates, m.
+
+        Raises:
+            UndecidedError: The log does not say.
+        """
+        (body,) = (body for body in self.trial.bodies if body.id == self.subject.bodies[place])
+        if body.radius_m is None:
+            raise UndecidedError(f"the log does not say how large {body.id!r} is (radius_m)")
+        return body.radius_m
 
     def hidden_by_gaps(self, template: str, due: BoolArray, within: Span | None = None) -> list[Span]:
         """The gaps of an optional signal in which a value is due; none where the log has no such signal.

@@ -12,7 +12,7 @@ from ariac_score.engine.score import score_trial
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for
 from ariac_score.results.result import Pinned, Result
-from ariac_score.results.result_file import load_result
+from ariac_score.results.result_file import load_result, refuse_impossible
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["score_runs", "without_sketch"]
@@ -102,6 +102,7 @@ def _is_stored(run: Run) -> bool:
 
 def _stored(run: Run) -> Result:
     stored = load_result(run.path)
+    refuse_impossible(stored, run.path)
     if stored.adjusted is not None:
         raise ResultError(
             "it is adjusted by stewards already",

@@ -19,6 +19,7 @@ from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
+from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
 from ariac_score.terminal.style import Style, plain
 from ariac_score.trial.signals import Sample
@@ -310,7 +311,7 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
 
     Args:
         result: The result.
-        path: A ledger path or a part of one (`order_0`), a check, a finding id
+        path: A ledger path or a part of one (`order_0`), an item of work, a check, a finding id
             (`separation#1`), a subject, a term of the rule set (`demerits`), or empty for the whole ledger.
         style: Colours or none.
 
@@ -326,6 +327,9 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     matching = _matching(result.ledger, path) if result.ledger is not None else []
     taken = [key for line in matching for key in taken_by(line)]
     explained = _Explained(result, without_alone(result, taken))
+    items = _items(result, path)
+    for item in items:
+        lines += [*_item_lines(item, style), ""]
     for line in matching:
         lines += [style(plain(line.path), "bold"), *_explained(line, explained, style, 1), ""]
     if not path:
@@ -337,9 +341,33 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
     prices = _prices(result)
     for key, finding in result.measured.findings.items():
         named = path in (key, finding.check, finding.subject) or finding.check in used
+        # An item that earned and cost nothing has no line, and is explained by what was found about it.
+        named |= not matching and any(item.path and item.contains(finding.subject) for item in items)
         if named and key not in shown:
             term += [*_finding_lines(key, finding, style, 0, prices[key]), ""]
     return "\n".join(lines + term)
+
+
+def _items(result: Result, path: str) -> list[Scope]:
+    """The items of work that a path names, wholly or by its last parts; the trial by `trial`."""
+    scopes = [*result.measured.scopes.walk()]
+    if not path or path == result.measured.scopes.level:
+        return scopes[:1] if path else []
+    wanted = f"/{path.strip('/')}"
+    exact = [scope for scope in scopes if f"/{scope.path}" == wanted]
+    return exact or [scope for scope in scopes if f"/{scope.path}".endswith(wanted)]
+
+
+def _item_lines(item: Scope, style: Style) -> Iterator[str]:
+    """An item of work and its facts, which formulas take as they are."""
+    yield style(plain(f"{item.level} {item.path}".strip()), "bold")
+    for name, fact in item.facts.items():
+        if isinstance(fact, int | float):
+            yield f"  {plain(name)} = {fact:.9g}"
+        else:
+            yield f"  {plain(name)}: {'known to be absent' if fact is None else plain(fact)}"
+    if not item.facts:
+        yield style("  no facts are known about it", "dim")
 
 
 def _earned(result: Result) -> dict[str, Decimal]:

@@ -300,7 +300,8 @@ class Result:
             when the score asks for values across teams that were not given.
         score: The final score; `None` unless scored.
         possible: What the trial could have earned with every finding satisfied and every quantity at the
-            best value that its check declares, if it declares one; `None` when that has no value.
+            best value that its check declares, if it declares one, with the facts of this trial; `None`
+            when that has no value, or less than the score.
         ledger: The score taken apart; `None` unless scored.
         assumptions: What undecided findings counted as.
         digits: Decimal digits of score and ledger.

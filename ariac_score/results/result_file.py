@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from ariac_score.checks.finding_contract import stored_breaches
 from ariac_score.checks.findings import POINTS
 from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import ResultError, ScoreError
@@ -35,6 +36,7 @@ __all__ = [
     "load_result",
     "measured_sha256",
     "read_result",
+    "refuse_impossible",
     "result_in",
 ]
 
@@ -361,6 +363,25 @@ def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
         error.file = str(path)
         raise
     return result
+
+
+def refuse_impossible(result: Result, file: Path) -> None:
+    """Refuse to price a stored result with a finding that breaks the contract of findings.
+
+    Args:
+        result: As it is stored.
+        file: Where, for the message.
+
+    Raises:
+        ResultError: One does; the message names it and its field.
+    """
+    measured = result.measured
+    for key, breach in stored_breaches(measured.findings, measured.measures, measured.watched):
+        raise ResultError(
+            f"the finding {key} cannot be: {breach}",
+            file=file,
+            hint="score the log again; 'ariac-score verify' shows every such finding",
+        )
 
 
 def read_result(path: Path, *, known: bool = False) -> Result:

@@ -2,7 +2,8 @@
 
 Series are reduced for drawing: of each stretch as wide as a pixel the smallest and the
 largest value are kept, so that no extreme is lost however much is left out. Stretches are
-finer where something was violated or nearly so. Nothing is decided by a sketch.
+finer where something was violated or nearly so. Of positions those are kept that a replay
+needs to be near the truth. Nothing is decided by a sketch.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ariac_score.results.motion import places_kept
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
@@ -49,7 +51,15 @@ DETAIL_STRETCHES = 2400
 """The finer stretches are shared by all curves as well."""
 MOST_DETAIL_STRETCHES, FEWEST_DETAIL_STRETCHES = 100, 10
 
-ROUTE_STRETCHES = 300
+PLACES = 12_000
+"""All routes share the places, so that a result stays small however many bodies there are."""
+MOST_PLACES, FEWEST_PLACES = 1000, 40
+NEAR_M = 0.01
+"""Straight between the places that are kept, a body is drawn so near to where it was, if places suffice."""
+MOST_INSTANTS = 40
+"""So many of the worst moments of a body keep their places in any case."""
+_COARSE_FROM, _COARSE_STRETCHES = 20_000, 4000
+"""From so many samples on a route is thinned to its extremes in so many stretches first, in one pass."""
 _ROUTE_HOLE_S = 1.0
 """After a longer silence a route is drawn as interrupted."""
 MOST_HOLES = 500
@@ -93,6 +103,9 @@ class DrawnChart:
 @dataclass(frozen=True)
 class DrawnPath:
     """The route of a body, seen from above, reduced.
+
+    Straight and steady motion between two samples is within a centimetre of what was recorded, unless
+    the route is so long that its places do not suffice; those of the worst moments are exact.
 
     Attributes:
         body: Its id, or the name of the link that stands for it.
@@ -190,6 +203,7 @@ def sketch_of(
     charts: Mapping[str, Sequence[Chart]],
     moments: Mapping[tuple[str, str], Sequence[Span]],
     words: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    instants_s: Mapping[str, Sequence[float]] = MappingProxyType({}),
 ) -> Sketch:
     """The sketch of a trial.
 
@@ -198,6 +212,8 @@ def sketch_of(
         charts: The charts of each check, by its name.
         moments: Where each check found something out of the ordinary about a subject, the worst first.
         words: What people call the items of each level, one and many.
+        instants_s: By subject, such as `robot/human`, times at which places of its bodies are kept exactly,
+            the worst first.
     """
     drawn = {(check, chart.subject): chart for check, found in charts.items() for chart in found}
     limited = {chart.subject for chart in drawn.values()}
@@ -214,7 +230,7 @@ def sketch_of(
     )
     return Sketch(
         curves=tuple(curve for curve in curves if curve is not None),
-        routes=tuple(_routes(trial)),
+        routes=tuple(_routes(trial, instants_s)),
         asked=tuple(_asked(trial.work)),
         brought=tuple(
             HandedIn(
@@ -344,19 +360,24 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
     return distinct(np.concatenate(kept))
 
 
-def _routes(trial: Trial) -> Iterable[DrawnPath]:
+def _routes(trial: Trial, instants_s: Mapping[str, Sequence[float]]) -> Iterable[DrawnPath]:
+    most = _share(PLACES // max(len(trial.bodies), 1), FEWEST_PLACES, MOST_PLACES)
     # A body that moves by its links has no position of its own; its first link with samples stands for it.
     for body in sorted(trial.bodies, key=lambda b: (b.kind, b.id)):
         points = [body.id, *(f"{body.id}::{link}" for link in body.links)]
         name = next((p for p in points if len(trial.signals.get(f"position/{p}", ()))), None)
         if name is None:
             continue
-        route = _route(name, body.kind, trial.signals[f"position/{name}"], trial.window)
+        at_s = [t for subject, found in instants_s.items() if body.id in subject.split("/") for t in found]
+        signal = trial.signals[f"position/{name}"]
+        route = _route(name, body.kind, signal, trial.window, at_s[:MOST_INSTANTS], most)
         if route is not None:
             yield route
 
 
-def _route(name: str, kind: str, signal: Signal, window: Span | None) -> DrawnPath | None:
+def _route(
+    name: str, kind: str, signal: Signal, window: Span | None, at_s: Sequence[float], most: int
+) -> DrawnPath | None:
     """The route of a body, reduced; `None` where it has no sample."""
     inside = _inside(signal.t, window)
     t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
@@ -364,5 +385,18 @@ def _route(name: str, kind: str, signal: Signal, window: Span | None) -> DrawnPa
         return None
     x, y = places[:, 0], places[:, 1]
     holes = _holes(t, _ROUTE_HOLE_S)
-    rows = distinct(np.concatenate([extremes(t, [x, y], ROUTE_STRETCHES), holes, holes + 1]))
+    after = np.clip(t.searchsorted(np.array(at_s, dtype=np.float64)), 0, len(t) - 1)
+    fixed = distinct(np.concatenate([holes, holes + 1, after, np.maximum(after - 1, 0)]))
+    coarse = np.arange(len(t))
+    if len(t) >= _COARSE_FROM:
+        coarse = distinct(np.concatenate([extremes(t, [x, y], _COARSE_STRETCHES), fixed]))
+    kept = places_kept(
+        t[coarse],
+        x[coarse],
+        y[coarse],
+        fixed=(int(row) for row in coarse.searchsorted(fixed)),
+        most=most,
+        near_m=NEAR_M,
+    )
+    rows = coarse[kept]
     return DrawnPath(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[holes]))

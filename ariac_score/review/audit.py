@@ -278,10 +278,11 @@ def _item_block(item: OfficialOrder, competition: Any) -> PrintedBlock:
         inside, _, own = label.rpartition("/")
         blocks.setdefault(inside, {})[own] = value
     of_item = blocks.pop("")
-    levels = getattr(competition, "levels", ("item", "trial"))
+    # A competition without levels of work may have a text that summarises items all the same.
+    levels = getattr(competition, "levels", ())[:-1] or ("item",)
     level_of = getattr(competition, "printed_level", lambda _name: levels[0])
     inner = tuple(_inner_block(item, level_of(name), name, values) for name, values in blocks.items())
-    return PrintedBlock(levels[-2], item.id, of_item, item.kind, inner)
+    return PrintedBlock(levels[-1], item.id, of_item, item.kind, inner)
 
 
 def _inner_block(item: OfficialOrder, level: str, name: str, values: Mapping[str, str]) -> PrintedBlock:

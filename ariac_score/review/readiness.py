@@ -153,8 +153,12 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
         handed = f" and {words.many(HANDED_IN)}" if words.hands_in else ""
         return _words(topics, recorded, f"its {words.many(words.outermost)}{handed} come from")
     wanted = source_quantities((need.quantity for need in needs), prepared.brought)
-    topics = [channel.topic for channel in log_map.channels if _gives(channel, wanted)]
+    giving = [channel for channel in log_map.channels if _gives(channel, wanted)]
+    topics = [channel.topic for channel in giving if not channel.as_consumed]
     signals = ", ".join(sorted({need.quantity for need in needs}))
+    if giving and not topics:  # to record it once more would help nobody
+        only = " and ".join(channel.topic for channel in giving[:4])
+        return f"it needs {signals} over time; {only} gives it as consumed: map it without 'as_consumed'"
     # The strictest need: a topic that meets it meets the others.
     gap_s = min(need.max_gap_s for need in needs)
     return _words(topics, recorded, f"it needs {signals} without gaps longer than {gap_s:g} s, from")

@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from ariac_score.checks.finding_contract import Grounds, breach_of
+from ariac_score.checks.finding_contract import stored_breaches
 from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
 from ariac_score.documents.schema import strict_json
@@ -80,6 +80,11 @@ class Verification:
     def holds(self) -> bool:
         """Whether nothing failed."""
         return all(step.outcome != FAILED for step in self.steps)
+
+    @property
+    def computed_again(self) -> bool:
+        """Whether all was computed again from the log."""
+        return any(step.name == "recomputed" for step in self.steps)
 
 
 def verify_result(
@@ -234,12 +239,8 @@ def _follows(result: Result) -> Iterator[Step]:
 
 def _possible(measured: Measured) -> Step:
     """Whether its findings keep the contract that the engine holds every finding to."""
-    wrong = []
-    for key, finding in measured.findings.items():
-        # Which bodies and signals there were, a result does not say.
-        grounds = Grounds(measured.measures.get(finding.check), measured.watched)
-        if breach := breach_of(finding, grounds):
-            wrong.append(f"{key}: {breach}")
+    found = stored_breaches(measured.findings, measured.measures, measured.watched)
+    wrong = [f"{key}: {breach}" for key, breach in found]
     if wrong:
         more = [f"and {len(wrong) - SHOWN} more"] if len(wrong) > SHOWN else []
         return Step("findings", FAILED, "\n".join([*wrong[:SHOWN], *more]))

@@ -29,7 +29,7 @@ from ariac_score.scoring.ledger import Line, rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["MOST_POINTS", "Flip", "Lever", "Place", "Point", "WhatIf", "explore", "flips_of"]
+__all__ = ["MOST_POINTS", "Flip", "Lever", "Place", "Point", "WhatIf", "check_grid", "explore", "flips_of"]
 
 MOST_POINTS = 400
 """At each of them the whole competition is priced and ranked."""
@@ -168,6 +168,15 @@ def explore(
         at = rules[point]
         found[point] = None if at is None else _ranked(competition, rule_set, at, results, measured)
     return WhatIf(tuple(levers), skipped, found)
+
+
+def check_grid(competition: Competition, rule_set: RuleSet, grid: Grid, registry: Registry) -> None:
+    """Refuse a grid that cannot be computed, before any run is scored.
+
+    Raises:
+        RuleSetError: The rule set has no such number, or the grid has too many points.
+    """
+    _levers(competition, rule_set, grid, registry)
 
 
 def _levers(

@@ -41,6 +41,8 @@ __all__ = [
 Number = int | float
 """What a formula works with; comparisons give 1 or 0."""
 
+_A_TEXT = "a text as a number"
+_TEXTS = 'score sheets compare texts with facts that are texts, by == and != alone: object.kind == "bolt"'
 _LANGUAGE = "formulas have numbers, names, + - * / **, comparisons, and/or/not, a if c else b, functions"
 
 MAX_LENGTH = 2000
@@ -257,7 +259,9 @@ class Expression:
                 hint=_LANGUAGE,
             ) from None
         _check(root, text, where, texts)
-        return cls(text, where, root)
+        parsed = cls(text, where, root)
+        parsed.refuse_turned_ramps({})
+        return parsed
 
     def walk(self) -> Iterator[ast.AST]:
         """Every node, for checks at load time."""
@@ -271,6 +275,25 @@ class Expression:
     def part(self, node: ast.expr) -> Expression:
         """A sub-formula as a formula of its own."""
         return Expression(text_of(node), self.where, node)
+
+    def refuse_turned_ramps(self, known: Mapping[str, Number]) -> None:
+        """Refuse a `ramp` whose two ends stand in the wrong order, as far as numbers say where they are.
+
+        Args:
+            known: Numbers by name.
+
+        Raises:
+            FormulaError: `hi` is below `lo`, so that there would be no line between them, only a step.
+        """
+        for call in self.walk():
+            if isinstance(call, ast.Call) and text_of(call.func) == "ramp" and len(call.args) == 5:
+                hi, lo = (_known_value(self.part(end), known) for end in call.args[2:4])
+                if hi is not None and lo is not None and hi < lo:
+                    raise FormulaError(
+                        f"{text_of(call)}: hi is {hi:g}, which is below lo, {lo:g}",
+                        place=self.where,
+                        hint=f"{FUNCTIONS['ramp']}; where more is better, exchange both pairs",
+                    )
 
     @property
     def as_name(self) -> str:
@@ -307,6 +330,29 @@ class Expression:
             here = {name: column[rows] if np.ndim(column) else column for name, column in values.items()}  # type: ignore[index]  # what has a dimension is an array
             found[rows] = _ColumnEvaluator(self, here, first + at).visit(self._root)
         return found
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """An environment of named numbers alone."""
+
+    known: Mapping[str, Number]
+
+    def name(self, dotted: str) -> Traced:
+        if dotted not in self.known:
+            raise FormulaError(f"{dotted!r} is no known number")
+        return Traced(dotted, self.known[dotted], "number")
+
+    def call(self, *_: object) -> None:
+        return None
+
+
+def _known_value(formula: Expression, known: Mapping[str, Number]) -> Number | None:
+    """What a formula is where it names nothing but these numbers; else `None`."""
+    try:
+        return formula.evaluate(_Numbers(known)).value
+    except FormulaError:
+        return None
 
 
 _TEXT_OR_SPACE = re.compile(r"""("(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')|\s+""")
@@ -349,7 +395,7 @@ def _check(root: ast.expr, text: str, where: str, texts: bool) -> None:
             raise FormulaError(
                 f"{problem} is not allowed in a formula: {ast.unparse(node)[:60]!r} in {text[:80]!r}",
                 place=where,
-                hint=_LANGUAGE,
+                hint=_TEXTS if problem == _A_TEXT else _LANGUAGE,
             )
         stack += [child for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
         if isinstance(node, ast.Call):
@@ -387,7 +433,7 @@ def _problem(node: ast.expr) -> str:
     if isinstance(node, ast.Constant):
         value: object = node.value
         if not isinstance(value, int | float):
-            return f"a {type(value).__name__}"
+            return _A_TEXT if isinstance(value, str) else f"a {type(value).__name__}"
         return "" if -LARGEST_INTEGER <= value <= LARGEST_INTEGER else "so large a number"
     if isinstance(node, ast.BinOp) and type(node.op) not in _BINARY:
         return f"operator {type(node.op).__name__}"

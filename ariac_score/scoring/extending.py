@@ -15,6 +15,7 @@ from ariac_score.checks.registry import Plugin, Registry, is_local, parameters_o
 from ariac_score.documents.schema import schema, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml, parse_yaml, read_text
 from ariac_score.errors import PluginError, PluginNotFoundError, RuleSetError, UsageError, did_you_mean
+from ariac_score.scoring.forms import merged_terms
 from ariac_score.scoring.named import as_stated, merged_parameters
 
 __all__ = [
@@ -54,14 +55,18 @@ def path_of_rule_set(name: str, folder: Path, registry: Registry) -> Path:
         return registry.file(GROUP, name).path
     except PluginNotFoundError:
         known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
+        files = (f"{name}{end}" for end in (".yaml", ".yml"))
+        beside = next((file for file in files if (folder / file).is_file()), "")
+        known += "; a path to a .yaml file works too"
         raise UsageError(
-            f"there is no rule set {name!r}", hint=f"{known}; a path to a .yaml file works too"
+            f"there is no rule set {name!r}", hint=f"did you mean the file {beside!r}?" if beside else known
         ) from None
 
 
 def expanded_document(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
     document = _written(load_yaml(path, error=RuleSetError))
+    document = _with_audit(document)
     document = _with_texts(document)  # before merging: names of files are relative to this file's folder
     base_name = document.data.pop("extends", None)
     if base_name is None:
@@ -86,7 +91,38 @@ def expanded_document(path: Path, below: tuple[Path, ...], registry: Registry) -
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
     # The hash covers the base, or an edit there would change scores under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
-    return YamlDocument(_merged(base.data, document.data), document.file, both, document.lines)
+    return replace(document, data=_merged(base.data, document.data), sha256=both)
+
+
+def _with_audit(document: YamlDocument) -> YamlDocument:
+    """The document with what the file for auditors says that it names; its hash covers both."""
+    data = dict(document.data)
+    name = data.pop("audit", None)
+    if name is None:
+        return document
+    place = document.place(["audit"])
+    try:
+        audit = load_yaml(Path(document.file).parent / name, error=RuleSetError)
+        validate(audit, "ruleset", definition="for_auditors", error=RuleSetError)
+    except RuleSetError as error:
+        if not error.place:  # of the whole file: it is missing, or empty
+            error.cause, error.file, error.place = f"{name}: {error.cause}", document.file, place
+        raise
+    for key in audit.data:
+        if key in data:
+            raise RuleSetError(
+                f"{key!r} stands here and in {name!r}",
+                file=document.file,
+                place=document.place([key]),
+                hint="keep it in one of the two",
+            )
+    return replace(
+        document,
+        data={**data, **audit.data},
+        sha256=hashlib.sha256(f"{document.sha256} audits {audit.sha256}".encode()).hexdigest(),
+        lines={**document.lines, **{path: line for path, line in audit.lines.items() if path}},
+        files=dict.fromkeys(audit.data, audit.file),
+    )
 
 
 def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> None:
@@ -197,7 +233,7 @@ def _merged_levels(base: Mapping[str, Any], own: Mapping[str, Any], key: str) ->
     """What is named for each level, the base's with what is new or changed."""
     first, second = base.get(key, {}), own.get(key, {})
     levels = dict.fromkeys(level for level in (*first, *second) if level != LAYOUTS)
-    return {level: {**first.get(level, {}), **second.get(level, {})} for level in levels}
+    return {level: merged_terms(first.get(level, {}), second.get(level, {})) for level in levels}
 
 
 def written_document(text: str, *, file: str) -> YamlDocument:

@@ -19,6 +19,7 @@ __all__ = [
     "declared_facts",
     "facts_as_written",
     "no_such_level",
+    "other_name",
 ]
 
 TRIAL = "trial"
@@ -66,7 +67,7 @@ def check_levels(levels: Sequence[str], taken: Mapping[str, Iterable[str]]) -> N
             cause, hint = f"level {level!r} is declared twice", "name each level once"
         for what, names in taken.items():
             if level in names:
-                cause, hint = f"level {level!r} is also the name of a {what}", "each name must be one thing"
+                cause, hint = f"level {level!r} is also the name of a {what}", other_name(taken)
         if cause:
             raise FormulaError(cause, place="$.levels", hint=hint)
     if not levels or levels[-1] != TRIAL:
@@ -75,6 +76,12 @@ def check_levels(levels: Sequence[str], taken: Mapping[str, Iterable[str]]) -> N
             place="$.levels",
             hint=f"name them from the inside out: levels: [object, task, {TRIAL}]",
         )
+
+
+def other_name(taken: Mapping[str, Iterable[str]]) -> str:
+    """What to do about a name that formulas use for something else."""
+    names = sorted({name for names in taken.values() for name in names})
+    return f"each name must be one thing; formulas use {', '.join(names)} already"
 
 
 def no_such_level(level: str, levels: Sequence[str], *, place: str, where: str) -> FormulaError:

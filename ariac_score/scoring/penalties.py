@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,7 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     data["score"] = _FINAL
     # The words between the hashes keep `includes` and `extends` of the same two files apart.
     sha256 = hashlib.sha256(f"{document.sha256} includes {penalty.sha256}".encode()).hexdigest()
-    return YamlDocument(data, document.file, sha256, document.lines)
+    return replace(document, data=data, sha256=sha256)
 
 
 def _checks_of(safety: Mapping[str, Any] | None) -> dict[str, Any]:

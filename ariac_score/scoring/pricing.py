@@ -33,8 +33,10 @@ class Priced:
         ledger: The score taken apart; `None` unless scored.
         task: The task score taken apart; `None` when the sheet has none, or it is withheld.
         possible: What the trial could have earned with every finding satisfied and every quantity at the
-            best value that its check declares, if it declares one; `None` when that has no value, as when
-            a time to be divided by is not known.
+            best value that its check declares, if it declares one. Facts stay what they are in this trial:
+            nothing says what better ones would be. `None` when that has no value, as when a time to be
+            divided by is not known, and when it is below the score: then the formula pays for something
+            else than what its checks ask for, and what could have been earned is not known.
         assumptions: What was made of undecided findings.
         missing: In words, what the score needs from all teams or what no record states.
     """
@@ -126,6 +128,8 @@ def price(
     except UnknownFactError as missing:
         return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
     ledger = _zeroed(maker.ledger(sheet.score, score, "score"), assumed, sheet.scored)
+    if possible is not None and possible < ledger.amount:
+        possible = None
     return Priced("scored", ledger, task, possible, assumed.assumptions)
 
 

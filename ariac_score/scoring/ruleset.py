@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import keyword
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -24,7 +25,9 @@ from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, parse_yaml
 from ariac_score.errors import (
     FormulaError,
+    LocalPluginError,
     PluginError,
+    PluginNotFoundError,
     RuleSetError,
     ScoreError,
     UsageError,
@@ -42,12 +45,14 @@ from ariac_score.scoring.extending import (
     unknown_keys,
     written_document,
 )
+from ariac_score.scoring.forms import Table, in_formulas, place_in, tables_of
 from ariac_score.scoring.levels import (
     TRIAL,
     check_levels,
     declared_facts,
     facts_as_written,
     no_such_level,
+    other_name,
 )
 from ariac_score.scoring.named import (
     NamedParameter,
@@ -59,7 +64,7 @@ from ariac_score.scoring.named import (
 )
 from ariac_score.scoring.penalties import with_penalty
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
-from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.sheet import RESERVED, ScoreSheet
 from ariac_score.scoring.variation import given_monitor, set_number
 
 __all__ = [
@@ -159,6 +164,7 @@ class RuleSet:
         ranges: Lowest and highest reasonable value of parameters, as in the file.
         breaks: Why a law of `rules check` is known to be broken, by name of the law.
         parameters: The numbers that it gives a name, with unit and meaning, in the order of the file.
+        tables: What is worth points by verdicts of checks, as tables.
         given: The checks that were given in Python, by name.
     """
 
@@ -180,6 +186,7 @@ class RuleSet:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     breaks: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
     given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -274,7 +281,8 @@ class RuleSet:
             more: Likewise, for names without a point.
 
         Raises:
-            RuleSetError: There is no such name, or its value is of another kind.
+            RuleSetError: There is no such name, its value is of another kind, or the plugin of the check,
+                where it is installed, refuses it.
 
         >>> rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": 0.5})
         >>> rules.checks["separation"].parameters["t1_s"]
@@ -294,10 +302,17 @@ class RuleSet:
                     file=self.file,
                     hint="give another object with 'with_monitor'",
                 )
-            # `np.linspace` gives numbers of numpy, which YAML cannot write.
-            plain = value.item() if isinstance(value, np.generic) else value
-            set_number(data, name, plain, file=self.file)
-        return self._again(data, self.given)
+            set_number(data, str(name), value, file=self.file)
+        changed = self._again(data, self.given)
+        for name, check in changed.checks.items():  # a named number may stand in the parameters of several
+            if check.parameters != self.checks[name].parameters:
+                changed._refuse_parameters(name)
+        return changed
+
+    def _refuse_parameters(self, name: str) -> None:
+        """Refuse parameters that the plugin of a check does not take; not where that is not installed."""
+        with suppress(PluginNotFoundError, LocalPluginError):  # as scoring will say
+            _built(self.checks[name], self.file, partial(self.plugin, name, _installed()))
 
     def with_score(self, formula: str) -> RuleSet:
         """The rule set with another formula for the score, such as `task - 2 * count(near_miss)`.
@@ -309,7 +324,8 @@ class RuleSet:
         >>> load_rule_set("paper2020").with_score("task").expanded["score"]
         'task'
         """
-        return self._again({**deepcopy(dict(self.expanded)), "score": formula}, self.given)
+        plain = formula.item() if isinstance(formula, np.generic) else formula
+        return self._again({**deepcopy(dict(self.expanded)), "score": plain}, self.given)
 
     def with_monitor(self, name: str, monitor: object) -> RuleSet:
         """The rule set with a monitor that is given in Python, in place of the check of that name, if any.
@@ -339,6 +355,12 @@ class RuleSet:
         text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
         sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
         return replace(_parsed(replace(document, sha256=sha256)), given=given)
+
+
+@lru_cache(maxsize=1)
+def _installed() -> Registry:
+    """What is installed, looked up once: a sweep changes numbers a thousand times."""
+    return Registry()
 
 
 def _built(check: Check, file: str, find: Callable[[], Plugin]) -> Any:
@@ -434,7 +456,7 @@ def _alone(text: str, file: str) -> RuleSet:
     """Cached, because the results of a competition all hold the same text."""
     document = _of_today(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
     validate(document, "ruleset", error=RuleSetError)
-    for key in ("extends", "include", "safety"):
+    for key in ("extends", "include", "safety", "audit"):
         if key in document.data:
             raise RuleSetError("the rules of a result stand alone", file=file, place=f"$.{key}")
     return _parsed(document)
@@ -526,7 +548,8 @@ def _of_competition(
         raise broken from cause
 
 
-def _parsed(document: YamlDocument) -> RuleSet:
+def _parsed(written: YamlDocument) -> RuleSet:
+    document = in_formulas(written)
     data = document.data
     parameters = _parameters(document)
     checks = _checks(document, parameters)
@@ -535,9 +558,9 @@ def _parsed(document: YamlDocument) -> RuleSet:
         sheet = _sheet(data, checks, parameters)
         printed = _printed_text(data, sheet)
     except FormulaError as error:
-        error.file = document.file
         # Formulas are named by their path in the document, which becomes a line here.
-        error.place = document.place(error.place.removeprefix("$.").split("."))
+        path = place_in(written.data, error.place.removeprefix("$.").split("."), error.cause)
+        error.file, error.place = document.files.get(path[0], document.file), document.place(path)
         raise
     return RuleSet(
         id=data["id"],
@@ -550,7 +573,8 @@ def _parsed(document: YamlDocument) -> RuleSet:
         digits=data.get("round", 6),
         file=document.file,
         sha256=document.sha256,
-        expanded=data,
+        expanded=written.data,
+        tables=tuple(tables_of(written.data)),
         ranking=data.get("ranking", {}),
         competition=_competition(document),
         differs=_differs(data["differs"]) if "differs" in data else None,
@@ -615,8 +639,22 @@ def _checks(document: YamlDocument, parameters: Mapping[str, NamedParameter]) ->
                     place=document.place([key, name]),
                     hint="formulas use these names: each must be one thing",
                 )
+            _refuse_reserved(document, key, name)
             checks[name] = _check(document, key, name, body, parameters)
     return checks
+
+
+def _refuse_reserved(document: YamlDocument, key: str, name: str) -> None:
+    """Refuse a check by whose name a formula, or its reader, would take it for something else."""
+    taken = {**RESERVED, "level": document.data["levels"], "word of the language": keyword.kwlist}
+    for what, names in taken.items():
+        if name in names:
+            raise RuleSetError(
+                f"check {name!r} is also the name of a {what}",
+                file=document.file,
+                place=document.place([key, name]),
+                hint=other_name({**RESERVED, "level": document.data["levels"]}),
+            )
 
 
 def _competition(document: YamlDocument) -> Check | None:

@@ -13,12 +13,20 @@ from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError,
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
 from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, arity_of, text_of
-from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact, check_levels, no_such_level
+from ariac_score.scoring.levels import (
+    ALWAYS,
+    TEXT,
+    TRIAL,
+    DeclaredFact,
+    check_levels,
+    no_such_level,
+)
 from ariac_score.scoring.scope import Scope
 
 __all__ = [
     "AGGREGATES",
     "CHECK_FUNCTIONS",
+    "RESERVED",
     "VIOLATION_FUNCTIONS",
     "Pricing",
     "ScopeNames",
@@ -101,6 +109,13 @@ AGGREGATES = ("sum", "mean", "min", "max", "any", "all", "count")
 _ABSENT = "absent"
 _KNOWN = frozenset({*CHECK_FUNCTIONS, *FUNCTIONS, *AGGREGATES, _ABSENT})
 """Every function of the language."""
+
+RESERVED: Mapping[str, Iterable[str]] = {
+    "function": _KNOWN,
+    "kind of value across runs": (_COHORT, _RUNS),
+    "number that every rule set has": ("score",),
+}
+"""The names that no level and no check may have, by what they stand for."""
 
 
 @dataclass(frozen=True)
@@ -352,11 +367,7 @@ class ScoreSheet:
 
     def _validate_levels(self) -> None:
         """Levels that formulas can name, and nothing declared for any other."""
-        taken = {
-            "function": _KNOWN,
-            "parameter": {name.partition(".")[0] for name in self.parameters},
-            "kind of value across runs": (_COHORT, _RUNS),
-        }
+        taken = {**RESERVED, "parameter": {name.partition(".")[0] for name in self.parameters}}
         check_levels(self.levels, taken)
         stated = {"terms": self.terms, "facts": self.facts}
         for key, levels in stated.items():
@@ -401,6 +412,7 @@ class ScoreSheet:
             if isinstance(node, ast.Name | ast.Attribute) and id(node) not in consumed:
                 self._validate_name(formula, ast.unparse(node), level, known)
         self._validate_texts(formula)
+        formula.refuse_turned_ramps(self.parameters)
 
     def _validate_texts(self, formula: Expression) -> None:
         """A text is compared with a text, or asked whether it is absent, and nothing else."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
+
+import numpy as np
 
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.errors import RuleSetError, UsageError, did_you_mean
@@ -26,8 +29,16 @@ def set_number(data: dict[str, Any], name: str, value: Any, *, file: str) -> Non
         file: Of the rule set, for errors.
 
     Raises:
-        RuleSetError: There is no parameter or check of that name.
+        RuleSetError: There is no parameter or check of that name, or the value is none that YAML holds.
     """
+    plain = _plain(value)
+    if plain is _NOT_PLAIN:
+        raise RuleSetError(
+            f"{name!r} cannot be {str(value)[:60]!r}: it is no finite number, no text, nor a list of such",
+            file=file,
+            hint="give one finite number at a time",
+        )
+    value = plain
     check, dot, parameter = str(name).partition(".")
     stated = data.get("parameters", {})
     changed = with_number(stated, str(name), value)
@@ -74,6 +85,10 @@ def given_monitor(monitor: object) -> tuple[GivenPlugin, dict[str, Any]]:
 
 def _plain(value: Any) -> Any:
     """A value as YAML holds it, so that it makes the same parameter again; `_NOT_PLAIN` where it cannot."""
+    if isinstance(value, np.generic):  # as `np.linspace` gives them
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return _NOT_PLAIN
     if value is None or type(value) in (bool, int, float, str):
         return value
     if not isinstance(value, list | tuple | Mapping):

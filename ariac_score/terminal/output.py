@@ -137,9 +137,9 @@ def _bytes_below(path: Path) -> int:
 
 
 @contextmanager
-def progress_bar(path: Path) -> Iterator[Callable[[float], None]]:
+def progress_bar(path: Path, *, quiet: bool = False) -> Iterator[Callable[[float], None]]:
     """A bar on stderr for a long log, on a terminal only, and gone when done."""
-    if not sys.stderr.isatty() or _bytes_below(path) < LONG_LOG_BYTES:
+    if quiet or not sys.stderr.isatty() or _bytes_below(path) < LONG_LOG_BYTES:
         yield lambda _done: None
         return
     # Imported here: rich takes longer to import than most trials to score.
@@ -152,9 +152,9 @@ def progress_bar(path: Path) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def counting_bar(what: str, total: int) -> Iterator[Callable[[int, str], None]]:
+def counting_bar(what: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int, str], None]]:
     """A bar on stderr that counts, on a terminal only, and gone when done."""
-    if not sys.stderr.isatty() or total < 2:
+    if quiet or not sys.stderr.isatty() or total < 2:
         yield lambda _done, _now: None
         return
     # Imported here: rich takes longer to import than most trials to score.

@@ -11,7 +11,7 @@ from ariac_score.testing.pages import write_pages
 def main() -> None:
     """Write the pages."""
     parser = argparse.ArgumentParser(prog="python -m ariac_score.testing.docs", description=__doc__)
-    parser.add_argument("folder", type=Path, help="such as docs/plugins")
+    parser.add_argument("folder", type=Path, help="where to write")
     parser.add_argument("--distribution", default="ariac-score", help="whose plugins")
     arguments = parser.parse_args()
     write_pages(arguments.folder, arguments.distribution)

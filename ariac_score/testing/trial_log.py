@@ -59,7 +59,7 @@ def _head(trial: Trial) -> Iterator[dict[str, Any]]:
             "record": "body",
             "id": body.id,
             "kind": body.kind,
-            "radius_m": body.radius_m,
+            **({} if body.radius_m is None else {"radius_m": body.radius_m}),
             "links": [*body.links],
         }
 

@@ -113,14 +113,14 @@ class BodyMatch:
         match: Shell pattern over names, such as `person_*`.
         kind: What it is, such as `robot`, `human` or `vehicle`.
         body: Body id; empty takes the matched name.
-        radius_m: Radius of the sphere that stands for the body and each link, m.
+        radius_m: Radius of the sphere that stands for the body and each link, m; `None`: not known.
         links: Shell patterns over the link names that are followed too.
     """
 
     match: str
     kind: str
     body: str = ""
-    radius_m: float = 0.0
+    radius_m: float | None = None
     links: tuple[str, ...] = ()
 
     def body_for(self, name: str) -> Body | None:

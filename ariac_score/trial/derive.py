@@ -521,12 +521,14 @@ class _Deriver:
         return self._distance(subject, max_gap_s, 2)
 
     def _separation(self, subject: str, max_gap_s: float) -> _Made | None:
-        nearest = self._nearest(subject, max_gap_s, 3)
-        if nearest is None:
-            return None
         first, _, second = subject.partition("/")
+        first_m, second_m = self.bodies[first].radius_m, self.bodies[second].radius_m
+        # Without a radius the surface is not known, and the distance of centres is no bound for it.
+        nearest = None if first_m is None or second_m is None else self._nearest(subject, max_gap_s, 3)
+        if nearest is None or first_m is None or second_m is None:
+            return None
         of_pair, number = nearest
-        radii_m = self.bodies[first].radius_m, self.bodies[second].radius_m
+        radii_m = first_m, second_m
 
         def separation() -> FloatArray:
             return np.maximum(of_pair.distance_m(number) - radii_m[0] - radii_m[1], 0.0)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ariac_score.errors import LogError, MissingSignalError
+from ariac_score.errors import LogError, MissingSignalError, UsageError
 from ariac_score.trial import quaternions
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
@@ -105,13 +105,14 @@ class Body:
     Attributes:
         id: Such as `arm` or `person_1`.
         kind: What it is, such as `robot`, `human` or `vehicle`, as the log map or the reader names it.
-        radius_m: Radius of the sphere that stands for it (and for each link), m.
+        radius_m: Radius of the sphere that stands for it (and for each link), m; `None`: not known, so that
+            nobody knows how far its surface is from another. A point has 0.
         links: Names of its links whose positions are recorded.
     """
 
     id: str
     kind: str
-    radius_m: float = 0.0
+    radius_m: float | None = None
     links: tuple[str, ...] = ()
 
 
@@ -332,9 +333,14 @@ class Trial:
 
         Raises:
             MissingSignalError: A signal is not in the log.
-            UsageError: pandas is not installed.
+            UsageError: A name is no text, or pandas is not installed.
         """
         for name in names:
+            if not isinstance(name, str):
+                raise UsageError(
+                    f"signals are named one by one, not by a {type(name).__name__}",
+                    hint="write to_frame('speed/arm', 'separation/arm/ann'), or to_frame(*names)",
+                )
             if name not in self.signals:
                 raise MissingSignalError(name, self.signals, self.as_consumed)
         chosen = [self.signals[name] for name in names or self.signals]

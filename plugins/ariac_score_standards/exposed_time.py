@@ -20,6 +20,9 @@ class ExposedTime:
         pairs: Robots and humans.
         within_m: Within this of the moving robot a human is exposed, m.
         max_gap_s: A sample stands for no longer than this, s.
+
+    Raises:
+        MissingSignalError: What would show it is there only as consumed, so that it cannot be used over time.
     """
 
     def __init__(self, trial: Trial, pairs: Sequence[Subject], *, within_m: float, max_gap_s: float) -> None:
@@ -56,10 +59,10 @@ def _safe_over(
     trial: Trial, pair: Subject, within_m: float, max_gap_s: float
 ) -> tuple[FloatArray, BoolArray]:
     """The times of the samples of a pair, and whether they show it to be far apart or the robot at rest."""
-    names = [pair.fill(APART), pair.fill(SPEED)]
-    if not trial.signals.keys() >= set(names):
+    apart, moving = (trial.find_signal(pair.fill(template)) for template in (APART, SPEED))
+    if apart is None or moving is None:
         return np.zeros(0), np.zeros(0, dtype=bool)
-    t, (distance, speed) = align([trial.signals[name] for name in names], max_gap_s=max_gap_s)
+    t, (distance, speed) = align([apart, moving], max_gap_s=max_gap_s)
     return t, (distance > within_m) | (speed <= STANDSTILL_SPEED_M_S)
 
 

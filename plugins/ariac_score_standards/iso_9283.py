@@ -14,7 +14,7 @@ from ariac_score import (
     FloatArray,
     Limit,
     Measure,
-    Signal,
+    MissingSignalError,
     SignalNeed,
     Trial,
     Verdict,
@@ -40,6 +40,8 @@ class PosePerformance:
         spread_deviation_m: Standard deviation of these with n - 1 (S_l), m; NaN below two.
         repeatability_m: RP = l_bar + 3 S_l, m; NaN below two.
     """
+
+    part_of: ClassVar[str] = "task"
 
     n: int
     mean_m: tuple[float, ...]
@@ -171,7 +173,13 @@ class PoseAttained:
         if not subjects:
             yield nobody(trial, (self.kind,), self._clause)
         for subject in subjects:
-            yield self._judge(trial, subject)
+            try:
+                yield self._judge(trial, subject)
+            except MissingSignalError as missing:  # what one machine lacks leaves the others to be judged
+                yield self._open(trial, self._point(subject), missing.cause)
+
+    def _point(self, subject: Subject) -> str:
+        return f"{subject.name}::{self.link}" if self.link else subject.name
 
     def _times(self, trial: Trial, body: str, point: str) -> FloatArray:
         """When the pose was attained; the subject of the events may be the body or the link itself."""
@@ -187,7 +195,7 @@ class PoseAttained:
         )
 
     def _judge(self, trial: Trial, subject: Subject) -> Finding:
-        point = f"{subject.name}::{self.link}" if self.link else subject.name
+        point = self._point(subject)
         times = self._times(trial, subject.name, point)
         if not self.commanded_m:
             return self._open(trial, point, "no commanded position is given")
@@ -195,18 +203,14 @@ class PoseAttained:
             if ATTAINED in trial.witnessed:
                 return Finding.not_applicable(point, "the pose was never attained", clause=self._clause)
             return self._open(trial, point, "the log does not show when the pose was attained")
-        signal = self._signal(trial, f"position/{point}", "m")
-        if signal is None:
-            return self._open(trial, point, f"signal 'position/{point}' is not in the log")
+        signal = trial.signal(f"position/{point}", unit="m")
         if not signal.covers(times, max_gap_s=self.max_gap_s).all():
             return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
         found = pose_performance(signal.at(times), np.array(self.commanded_m))
         limits = [Limit("accuracy", found.accuracy_m, "m", at_most=self.max_accuracy_m)]
         limits.append(Limit("repeatability", found.repeatability_m, "m", at_most=self.max_repeatability_m))
         if self.commanded_heading_rad is not None:
-            heading = self._signal(trial, f"heading/{point}", "rad")
-            if heading is None:
-                return self._open(trial, point, f"signal 'heading/{point}' is not in the log")
+            heading = trial.signal(f"heading/{point}", unit="rad")
             if not heading.covers(times, max_gap_s=self.max_gap_s).all():
                 return self._open(trial, point, f"'heading/{point}' is missing where the pose was attained")
             ap, rp = angle_performance(heading.at(times), self.commanded_heading_rad)
@@ -215,11 +219,6 @@ class PoseAttained:
                 Limit("heading repeatability", rp, "rad", at_most=self.max_heading_repeatability_rad)
             )
         return self._finding(trial, point, found, limits)
-
-    @staticmethod
-    def _signal(trial: Trial, name: str, unit: str) -> Signal | None:
-        """A signal, or `None`: what one machine lacks leaves the others to be judged."""
-        return trial.signal(name, unit=unit) if name in trial.signals else None
 
     def _finding(self, trial: Trial, point: str, found: PosePerformance, limits: list[Limit]) -> Finding:
         limited = [limit for limit in limits if limit.at_most is not None]

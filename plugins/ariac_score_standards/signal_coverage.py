@@ -14,6 +14,7 @@ from ariac_score import (
     Finding,
     FloatArray,
     Measure,
+    MissingSignalError,
     Signal,
     SignalNeed,
     Span,
@@ -70,6 +71,8 @@ class SignalCoverage:
         Monitor catalogue, 1.4 and M19: 0.99 and 0.05 s are our choice.
     """
 
+    part_of: ClassVar[str] = "task"
+
     quantities: tuple[str, ...] = parameter(("position",), source="what the other monitors read")
     min_coverage: float = parameter(0.99, unit="1", at_least=0, at_most=1, source="catalogue, M19")
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
@@ -114,15 +117,23 @@ class SignalCoverage:
         exposed = None
         if self.share_of == "exposure":
             pairs, within_m = _PAIRS.of(trial.bodies), self.exposure_distance_m
-            exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
+            try:
+                exposed = ExposedTime(trial, pairs, within_m=within_m, max_gap_s=self.max_gap_s)
+            except MissingSignalError as missing:
+                yield Finding.inconclusive("trial", missing.cause, span=trial.window, clause=_CLAUSE)
+                return
         for quantity in self.quantities:
             signals = [s for name, s in sorted(trial.signals.items()) if name.startswith(f"{quantity}/")]
             for signal in signals:
                 yield self._judge(trial, signal, exposed)
-            for name in _lacking(trial, quantity, {signal.name for signal in signals}):
+            consumed = [name for name in sorted(trial.as_consumed) if name.startswith(f"{quantity}/")]
+            for name in consumed:
+                message = MissingSignalError(name, trial.signals, trial.as_consumed).cause
+                yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
+            for name in _lacking(trial, quantity, {*(signal.name for signal in signals), *consumed}):
                 message = f"there is no signal {name!r}, but there is one of another subject"
                 yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
-            if not signals:
+            if not signals and not consumed:
                 message = f"there is no signal of {quantity!r}"
                 yield Finding.inconclusive(quantity, message, span=trial.window, clause=_CLAUSE)
         if not self.quantities:

@@ -45,6 +45,10 @@ class Odd:
 SOUND = "        yield Finding.satisfied('trial', 'fine')\n"
 DEADLY = {
     "sleeps": ("        import time\n        time.sleep(3600)\n", "did not end within 20 s"),
+    "gives findings without end": (
+        "        while True:\n            yield Finding.satisfied('trial', 'fine')\n",
+        "gives more than 250,000 findings",
+    ),
     "exits at once": ("        import os\n        os._exit(0)\n", "with exit code 0"),
     "crashes": ("        import ctypes\n        ctypes.string_at(0)\n", "by signal 11 (SIGSEGV)"),
     "aborts": ("        import os\n        os.abort()\n", "by signal 6 (SIGABRT)"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import subprocess
@@ -11,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from ariac_score.cli import main
+from ariac_score.cli import _COMMANDS, _parser, main
+from ariac_score.cli.parser import leaves
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
@@ -187,7 +189,8 @@ def test_explain_of_a_check_prices_each_of_its_findings(
 
     # Four colours of five, in the points and again in the bonus; order_1 counts three times.
     assert main(["explain", str(stored), "part_color"]) == 0
-    parts = [line.split("·")[-1].strip() for line in capsys.readouterr().out.splitlines() if "part_" in line]
+    lines = capsys.readouterr().out.splitlines()
+    parts = [line.split("·")[-1].strip() for line in lines if "part_" in line or " color ·" in line]
     amounts = [part for part in parts if part[0].isdigit()]
     nothing = "0  (it earned nothing)"
     assert amounts == ["2", "1", nothing, "1", "1", nothing, "1", "6", "3", "3", "3", "3"]
@@ -372,3 +375,90 @@ def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld
 
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("official total")]
     assert line.endswith("ours is withheld, so nothing says whether it is the same")
+
+
+def _all_help() -> str:
+    commands = [*_COMMANDS, "rml"]
+    return "".join(leaf.format_help() for name in commands for leaf in leaves(_parser(name)))
+
+
+def test_no_help_points_at_a_file_that_an_installation_does_not_have() -> None:
+    assert "docs/" not in _all_help()
+    assert "README" not in _all_help()
+
+
+def test_nothing_that_is_printed_points_at_the_documentation_of_the_checkout() -> None:
+    for file in [*(ROOT / "ariac_score").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
+                assert "docs/" not in node.value, (file, node.lineno)
+
+
+@pytest.mark.parametrize("name", [*_COMMANDS, "rml"])
+def test_every_command_and_action_can_be_quiet_or_verbose(name: str) -> None:
+    for leaf in leaves(_parser(name)):
+        assert {"-q", "--quiet", "-v", "--verbose", "--config", "--no-config"} <= {
+            option for action in leaf._actions for option in action.option_strings
+        }, leaf.prog
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("scroe", "there is no command 'scroe'\nhint: did you mean 'score'?"),
+        ("rules lst", "there is no action 'lst'\nhint: did you mean 'list'?"),
+        ("rules", "the following arguments are required: ACTION\nhint: one of: list, show, diff, "),
+        ("score x --rulez y", "there is no option '--rulez'\nhint: did you mean '--rules'?"),
+        ("score x --rules y --rulez y", "there is no option '--rulez'\nhint: did you mean '--rules'?"),
+        ("score x --rules y -z", "there is no option '-z'\nhelp: "),
+        ("score x y --rules z", "there is one argument too many: 'y'\nhelp: ariac-score score --help"),
+        ("score x", "the following arguments are required: --rules\nhint: give --rules NAME"),
+        ("score x --rules y --output-format jsno", "--output-format cannot be 'jsno'\nhint: did you mean"),
+        ("rml chekc", "there is no action 'chekc'\nhint: did you mean 'check'?"),
+        ("--verbos score x --rules y", "there is no option '--verbos'\nhint: did you mean '--verbose'?"),
+    ],
+)
+def test_a_slip_is_named_with_what_was_meant(
+    line: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(line.split())
+
+    assert left.value.code == 4
+    assert capsys.readouterr().err.startswith(f"error: {said}")
+
+
+TAKES_RESULTS = ("report", "verify", "explain", "export", "price --rules paper2020", "sensitivity")
+
+
+@pytest.mark.parametrize("command", TAKES_RESULTS)
+def test_a_log_in_the_place_of_a_result_is_told_apart(
+    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "run.mcap").write_bytes(EXAMPLE.read_bytes())
+    name, *more = command.split()
+
+    for log in (EXAMPLE, folder) if name == "report" else (EXAMPLE,):
+        assert main([name, str(log), *more]) == 6
+        err = capsys.readouterr().err
+        assert f"{log}: this is a log, and '{name}' takes a result\n" in err
+        first, then = err.partition("hint: score it first: ")[2].split("; then: ")
+        assert first == f"ariac-score score {log} --rules NAME -o {log.stem}.json"
+        assert then == f"ariac-score {name} {log.stem}.json\n"
+
+
+def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:
+    for name in ("r.json", "r.txt"):
+        assert main(["score", str(log), "--rules", "paper2020", "-o", str(tmp_path / name)]) == 0
+    for form, name in (("text", "forced.json"), ("json", "forced.txt")):
+        arguments = ["score", str(log), "--rules", "paper2020", "--output-format", form]
+        assert main([*arguments, "-o", str(tmp_path / name)]) == 0
+
+    assert json.loads((tmp_path / "r.json").read_text())["score"] == 19.761677
+    assert (tmp_path / "r.txt").read_text().startswith("19.761677 of 36")
+    assert (tmp_path / "forced.json").read_text() == (tmp_path / "r.txt").read_text()
+    assert (tmp_path / "forced.txt").read_text() == (tmp_path / "r.json").read_text()

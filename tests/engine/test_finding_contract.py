@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from decimal import Decimal
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
@@ -371,3 +372,13 @@ def test_no_score_is_printed_for_it(
     assert (code, out) == (3, "")
     assert "check 'oddity': plugin odd.check (odd-rules 6.6) gives finding 2, violated 'trial'" in err
     assert f"which cannot be: its {field} " in err
+
+
+def test_a_margin_that_is_none_or_a_decimal_is_refused_with_what_to_do() -> None:
+    with pytest.raises(TypeError, match=r"where none is known, yield Finding\.inconclusive"):
+        Verdict.of(None)
+
+    finding = Finding("trial", Verdict.SATISFIED, "x", robustness=Decimal("0.5"), unit="m")  # type: ignore[arg-type]
+    assert str(breach_of(finding, Grounds())) == (
+        "its robustness is Decimal('0.5'), a Decimal where a float belongs: float(…) makes one"
+    )

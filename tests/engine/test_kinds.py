@@ -218,7 +218,7 @@ def test_formulas_may_be_about_any_two_bodies(
         f"position/{one}": Signal(f"position/{one}", "m", t, np.tile(place, (11, 1)))
         for one, place in places.items()
     }
-    both = (Body("body_0", "cart"), Body("body_1", "boat"))
+    both = (Body("body_0", "cart", 0.0), Body("body_1", "boat", 0.0))
     trial = Trial("t", bodies=both, signals=signals, recorded=Span(0.0, 0.5))
     monitor = Registry().find("ariac_score.monitors", name).build({**parameters, "max_gap_s": 0.1})
 

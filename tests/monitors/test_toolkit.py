@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -28,6 +29,8 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
+from ariac_score.checks.registry import Registry
+from ariac_score.engine.signal_needs import with_derived
 from ariac_score.monitors import (
     Bound,
     Encounter,
@@ -620,3 +623,118 @@ def test_samples_are_refused_that_run_back() -> None:
 
     with pytest.raises(ValueError, match="do not increase"):
         list(watch.step([sample]))
+
+
+# What is stated, and what is not a margin ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Cold(MarginMonitor):
+    """As `Cool`, with the pause that is bridged as a parameter."""
+
+    t_off_s: float = 1.0
+
+    subjects = bodies("drone")
+    wanted: ClassVar = {"speed/{drone}": "m/s"}
+    what, unit = "speed", "m/s"
+
+    def margin(self, signals: Signals) -> Bound:
+        return self.at_most(signals["speed/{drone}"], 1.0)
+
+
+@dataclass(frozen=True)
+class Bare(MarginMonitor):
+    """As `Cold`, without the parameter."""
+
+    subjects, wanted, what, unit = Cold.subjects, Cold.wanted, Cold.what, Cold.unit
+    margin = Cold.margin
+
+
+def flown(speeds_m_s: list[float]) -> Trial:
+    t = np.arange(len(speeds_m_s)) * 0.05
+    speed = Signal("speed/d", "m/s", t, np.array(speeds_m_s))
+    recorded = Span(0.0, float(t[-1]))
+    return Trial("t", bodies=(Body("d", "drone"),), signals={speed.name: speed}, recorded=recorded)
+
+
+def test_a_pause_is_bridged_only_where_a_parameter_says_so() -> None:
+    twice = flown([2.0, 0.5, 0.5, 2.0, 0.5])
+
+    assert len([*Cold().watch(twice)]) == 1
+    assert len([*Cold(t_off_s=0.1).watch(twice)]) == 2  # the pause lasts as long
+    assert len([*Bare().watch(twice)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("margin", "message"),
+    [
+        (lambda _m, _v: None, "the margin is None, not a number for each sample"),
+        (lambda _m, v: v <= 1.0, "the margin is true or false, not a number"),
+        (lambda m, v: m.at_most(v < 1.0, 1.0), "what is measured is true or false"),
+        (lambda m, v: m.at_most(v, None), "its limit is None"),
+        (lambda m, v: m.at_most(v, math.nan), "the margin is NaN at 0.000 s, where the limit applies"),
+        (lambda m, v: m.at_most(np.where(v > 1, np.nan, v), 1.0), "the margin is NaN at 0.050 s"),
+        (lambda m, v: m.at_most(v, 1.0, where=3), "'where' is of type int"),
+        (lambda m, v: m.at_most(v, 1.0, where=(v > 0)[:1]), r"margin has the shape \(1,\)"),
+    ],
+)
+def test_what_is_no_margin_is_refused_and_never_kept(margin: Callable[..., Any], message: str) -> None:
+    class Odd(Cold):
+        def margin(self, signals: Any) -> Any:
+            return margin(self, signals["speed/{drone}"])
+
+    with pytest.raises((TypeError, ValueError), match=message):
+        list(Odd().watch(flown([0.5, 2.0, 0.5])))
+
+
+def test_a_limit_that_is_nan_where_it_does_not_apply_is_none() -> None:
+    class Partly(Cold):
+        def margin(self, signals: Any) -> Bound:
+            speed = signals["speed/{drone}"]
+            return self.at_most(speed, np.where(speed > 1.5, 1.0, np.nan), where=speed > 1.5)
+
+    (finding,) = Partly().watch(flown([0.5, 2.0, 0.5]))
+
+    assert finding.verdict is Verdict.VIOLATED
+
+
+# Bodies of unknown size ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Surfaces(MarginMonitor):
+    """Not nearer than 1 m, from surface to surface."""
+
+    subjects = pairs("vehicle", "pedestrian")
+    wanted: ClassVar = {"separation/{vehicle}/{pedestrian}": "m"}
+    what, unit = "distance", "m"
+
+    def margin(self, signals: Signals) -> Bound:
+        return self.at_least(signals["separation/{vehicle}/{pedestrian}"], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("car_m", "ann_m", "verdict"),
+    [
+        (0.5, 0.4, Verdict.SATISFIED),
+        (0.5, 0.6, Verdict.VIOLATED),
+        (0.0, 0.0, Verdict.SATISFIED),
+        (None, 0.4, Verdict.INCONCLUSIVE),
+        (0.5, None, Verdict.INCONCLUSIVE),
+    ],
+)
+def test_how_far_surfaces_are_apart_is_not_known_without_a_radius(
+    car_m: float | None, ann_m: float | None, verdict: Verdict
+) -> None:
+    t = np.arange(5) * 0.05
+    places = {"car": [0.0, 0, 0], "ann": [2.0, 0, 0]}
+    signals = {
+        f"position/{one}": Signal(f"position/{one}", "m", t, np.tile(np.array(place), (5, 1)))
+        for one, place in places.items()
+    }
+    known = (Body("car", "vehicle", car_m), Body("ann", "pedestrian", ann_m))
+    trial = Trial("t", bodies=known, signals=signals, recorded=Span(0.0, 0.2))
+
+    (finding,) = Surfaces().watch(with_derived(trial, list(Surfaces().needs()), Registry()))
+
+    assert finding.verdict is verdict

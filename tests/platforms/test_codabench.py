@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import html
 import io
 import json
 import math
@@ -24,7 +25,7 @@ import msgspec
 import pytest
 import yaml
 
-from ariac_score import load_rule_set, score_trial
+from ariac_score import as_json, load_result, load_rule_set, score_trial
 from ariac_score.batch.outcomes import outcome_document
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done
@@ -34,6 +35,7 @@ from ariac_score.platforms import codabench, submission
 from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
 from ariac_score.platforms.neutral import COLUMNS, Metrics, PlatformScores
 from ariac_score.platforms.submission import load_phase, phase_text
+from ariac_score.report.html.trial import trial_page
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -116,6 +118,36 @@ def test_the_best_run_counts_and_the_others_are_shown(tmp_path: Path, log_text: 
     assert found["status_code"] == 1  # one run could not be read, and that is said
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     assert "kit, run 3: " in page
+
+
+def test_the_page_of_a_run_that_counts_is_the_page_of_a_trial(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    (inputs / "res/kit_1.jsonl").write_text(log_text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    result = load_result(tmp_path / "output/results/kit_1.json")
+    own = trial_page(result, as_json(result))
+    assert "Two shipments delivered, one wrong color and one wrong pose." in page
+    # Nothing but the outcome of the submission is added.
+    outcome = page[page.index('<section id="submission"') : page.index("</section>") + len("</section>")]
+    assert page.replace(outcome, "").split() == own.split()
+    assert "Column" in outcome
+    assert len(page) < 1_000_000
+
+
+def test_each_of_several_runs_that_count_is_a_page_inside_the_page(tmp_path: Path, log_text: str) -> None:
+    inputs = reference(tmp_path / "input", "kit", "other")
+    for name in ("kit_1", "other_1"):
+        (inputs / f"res/{name}.jsonl").write_text(log_text, encoding="utf-8")
+
+    assert score(inputs, tmp_path / "output") == 0
+
+    page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    inside = [html.unescape(text) for text in re.findall(r'<iframe srcdoc="([^"]*)"', page)]
+    results = [load_result(tmp_path / f"output/results/{name}_1.json") for name in ("kit", "other")]
+    assert [text.strip() for text in inside] == [trial_page(r, as_json(r)).strip() for r in results]
 
 
 EMPTY = ({}, {"metadata": b"exitCode: 0\n"}, {".hidden": b"x"})
@@ -279,12 +311,13 @@ def test_what_a_stranger_wrote_is_text_on_the_page(tmp_path: Path, log_text: str
 
     assert score(inputs, tmp_path / "output") == 0
 
-    html = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
+    text = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     page = _Page()
-    page.feed(html)
-    assert not {"img", "script", "iframe", "link"} & set(page.tags)
-    assert page.links == []
-    assert "&lt;img src=x onerror=alert(1)&gt;" in html
+    page.feed(text)
+    assert not {"img", "iframe", "base", "form"} & set(page.tags)
+    assert page.tags.count("script") <= 2  # the one of every page of a trial, and the result
+    assert [link for link in page.links if not link.startswith("#")] == ["data:,"]  # it has no icon
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
     names = [file.name for file in (tmp_path / "output/results").iterdir()]
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in names)
 

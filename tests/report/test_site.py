@@ -557,9 +557,9 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     text = seen(page)
     assert "28 points of 36 possible" in text
     assert "2 not applicable" in text
-    part = seen(page[page.index('id="separation"') : page.index('id="plan"')])
+    part = seen(page[page.index('id="separation"') : page.index('id="work"')])
     assert "Nothing that a monitor compares with a limit over time was recorded or could be derived" in part
-    assert "<figure" not in page[page.index('id="separation"') : page.index('id="plan"')]
+    assert "<figure" not in page[page.index('id="separation"') : page.index('id="work"')]
     coverage = seen(page[page.index('id="coverage"') : page.index('id="basis"')])
     assert (
         "separation, human_contact: the log records every body, and there is no human among them" in coverage
@@ -567,7 +567,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     signals = page[page.index('id="coverage"') : page.index('id="idle"')]
     assert "position/robot" in signals
     assert "human" not in signals
-    plan = seen(page[page.index('id="plan"') : page.index('id="work"')])
+    plan = seen(page[page.index('id="plan"') : page.index('id="why"')])
     assert "robot (robot)" in plan
     assert "human" not in plan
 

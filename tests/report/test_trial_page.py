@@ -368,7 +368,7 @@ def test_the_steps_of_the_example_are_those_of_its_ledger(example: Result) -> No
     falls = waterfall_of(example.ledger, example.measured.findings)
 
     steps = [(step.label, step.outermost, step.amount) for step in falls.steps]
-    assert steps[0] == ("points(part_type)", "order_0", Decimal(3))
+    assert steps[0] == ("type", "order_0", Decimal(3))
     assert ("bonus", "order_1", Decimal(6)) in steps
     assert [(step.amount, step.findings) for step in falls.steps[-4:]] == [
         (Decimal("-0.846049"), ("none_missing#1",)),

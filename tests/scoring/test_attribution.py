@@ -301,7 +301,7 @@ def test_a_cap_takes_back_what_lies_above_it_and_hides_a_deduction() -> None:
         ("max(0, 1 if count(x) < 2 else -3)", None, 0),
         ("1 if max(0, 10 - 3 * count(x)) > 0 else 0", None, 0),
         ("max(0, 10 - points(w) * count(x) * count(y))", None, 0),
-        ("max(0.25, 5 * points(w) / (1 + count(x)))", None, 0),
+        ("max(2, 5 * points(w) / (1 + count(x)))", None, 0),
         ("max(9, 20 * points(w) * (cohort.mean / measure(own, q)) - 3 * count(x))", None, 0),
         ("max(0, 10 - 3 * count(x)) if holds(y) else max(0, 9 - 3 * count(x))", None, 0),
         ("min(10 - 3 * count(x), 9 - 3 * count(x))", None, 0),
@@ -607,6 +607,14 @@ def test_only_what_moved_pays_for_a_condition_that_was_turned() -> None:
     case = Case("6 if k and holds(a) and holds(b) else 0", made, parameters={"k": 1})
 
     assert case.taken == {"b#0": -3, "b#1": -3}
+
+
+def test_what_moves_beside_those_that_turned_a_condition_pays_nothing() -> None:
+    # From 0 to 1 and back: of two violations one is made up for, so this part never turned; b did.
+    formula = "6 if (violated(x) - violated(y) + 1) and holds(b) else 0"
+    case = Case(formula, [*times("x", 1), *times("y", 1), *times("b", 1)])
+
+    assert {key: by for key, by in case.taken.items() if by} == {"b#0": -6}
 
 
 def test_a_quantity_of_several_findings_starts_at_the_best_of_each() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -15,7 +17,7 @@ from ariac_score.errors import FormulaError
 from ariac_score.scoring.attribution import Exact
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
-from ariac_score.scoring.ledger import reconcile
+from ariac_score.scoring.ledger import _nodes, reconcile
 from ariac_score.trial.spans import Span
 
 from .attributed import Case, S, V, found, order, times
@@ -130,7 +132,7 @@ def test_amounts_add_up_to_the_score_exactly_and_are_its_own(case: Case) -> None
     assert abs(float(actual) - case.score) <= 1e-9 * max(1.0, abs(case.score))
     tiny = Fraction(1, 10**30) * (1 + abs(actual) + abs(kept) + abs(nothing))
     assume(tiny < Fraction(1, 10**9))
-    assert abs(sum(case.earned.values()) - (kept - nothing)) <= tiny or "runs" in case.sheet.score.source
+    assert abs(sum(case.earned.values()) - (kept - nothing)) <= tiny or "cohort" in case.sheet.score.source
     assert abs(sum(case.taken.values()) - (actual - kept)) <= tiny
 
 
@@ -237,6 +239,118 @@ def test_findings_that_are_alike_have_amounts_that_are_alike(case: Case) -> None
     for keys in alike.values():
         assert len({case.taken.get(key, 0) for key in keys}) == 1
         assert len({case.earned.get(key, 0) for key in keys}) == 1
+
+
+def _again(case: Case, score: str, findings: dict[str, Finding]) -> Case:
+    """The same rules with another score, or about other findings."""
+    terms = {level: {n: f.source for n, f in each.items()} for level, each in case.sheet.terms.items()}
+    try:
+        return Case(
+            score,
+            findings,
+            scopes=case.scopes,
+            measures=case.measures,
+            parameters=dict(case.sheet.parameters),
+            cohort=case.cohort,
+            cohort_terms=dict(case.sheet.cohort),
+            **terms,
+        )
+    except FormulaError:
+        assume(False)
+        raise
+
+
+def _same(ours: dict[str, Exact], theirs: dict[str, Exact]) -> bool:
+    """Whether all amounts are the same, but for the last digits of logarithms."""
+    most = max((abs(Fraction(by)) for by in (*ours.values(), *theirs.values())), default=Fraction(0))
+    tiny = Fraction(1, 10**25) * (1 + most)
+    return all(abs(Fraction(ours.get(k, 0)) - theirs.get(k, 0)) <= tiny for k in ours.keys() | theirs.keys())
+
+
+@given(cases(), st.data())
+@LAWFUL
+def test_a_finding_that_changes_no_number_gets_nothing(case: Case, data: st.DataObject) -> None:
+    assume("charged" not in case.sheet.score.source)
+    check = data.draw(st.sampled_from(("v", "w")))
+    of_check = [k for k, f in case.findings.items() if f.check == check]
+    violated = [k for k in of_check if case.findings[k].verdict is V]
+    spared = {k: replace(case.findings[k], verdict=S) for k in violated[1:]}  # of two each has a share
+    alone = _again(case, case.sheet.score.source, case.findings | spared)
+    kept = {k: replace(case.findings[k], verdict=S) for k in violated}
+    without = _again(case, case.sheet.score.source, case.findings | kept)
+
+    changed = [node.exact for node in _nodes(alone.tree)] != [node.exact for node in _nodes(without.tree)]
+    event(f"changes something: {changed}")
+    for key in of_check if not changed else of_check[:0]:
+        assert not alone.taken.get(key)
+        assert not alone.earned.get(key)
+
+
+@given(cases(), st.data())
+@LAWFUL
+def test_any_formula_in_other_brackets_and_another_order_has_the_same_amounts(
+    case: Case, data: st.DataObject
+) -> None:
+    root = Expression.parse(case.sheet.score.source).root
+    other = _again(case, ast.unparse(_rearranged(root, data)), case.findings)
+    assume(abs(other.score - case.score) <= 1e-12 * (1 + abs(case.score)))
+
+    event(f"has amounts: {bool(case.taken or case.earned)}")
+    assert _same(case.earned, other.earned)
+    assert _same(case.taken, other.taken)
+
+
+def _rearranged(node: ast.expr, data: st.DataObject) -> ast.expr:
+    """The same sums, products, minima and maxima in another order and other brackets."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Mult):
+        parts, kind, stack = [], type(node.op), [node.right, node.left]
+        while stack:
+            part = stack.pop()
+            if isinstance(part, ast.BinOp) and isinstance(part.op, kind):
+                stack += [part.right, part.left]
+            else:
+                parts.append(_rearranged(part, data))
+        parts = data.draw(st.permutations(parts))
+        while len(parts) > 1:
+            at = data.draw(st.integers(0, len(parts) - 2))
+            parts[at : at + 2] = [ast.BinOp(parts[at], node.op, parts[at + 1])]
+        return parts[0]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("min", "max"):
+        if len(node.args) < 2:
+            return node
+        inside = data.draw(st.permutations([_rearranged(each, data) for each in node.args]))
+        cut = data.draw(st.integers(1, len(inside) - 1))
+        nested = ast.Call(node.func, inside[cut:], []) if len(inside) - cut > 1 else inside[cut]
+        return ast.Call(node.func, [*inside[:cut], nested], [])
+    return node
+
+
+@given(st.data(), st.sampled_from((0.25, 0.5, 0.75)))
+@LAWFUL
+def test_in_any_formula_an_additive_quantity_told_in_two_pieces_leaves_the_others(
+    data: st.DataObject, cut: float
+) -> None:
+    made = data.draw(findings(["o0/p0"]))
+    costs = data.draw(st.lists(st.sampled_from((0.4, 1.0, 2.0)), min_size=1, max_size=2))
+    whole = dict(found("z", V, i, cost=cost) for i, cost in enumerate(costs))
+    pieces = {k: f for k, f in whole.items() if k != "z#0"} | dict(
+        found("z", V, i, cost=cost) for i, cost in ((8, cut * costs[0]), (9, costs[0] - cut * costs[0]))
+    )
+    leaves = tuple(leaf for leaf in _OF_TRIAL if "cohort" not in leaf and "runs" not in leaf)
+    formula = data.draw(formulas((*leaves, "measure(z, cost)", "measure(z, cost)")))
+    measures = MEASURES | {"z": {"cost": Measure("1", "penalty")}}
+    try:
+        one, two = (
+            Case(formula, made | each, scopes=order(1), measures=measures, parameters={"k": 0.4})
+            for each in (whole, pieces)
+        )
+    except FormulaError:
+        assume(False)
+        raise
+    event(f"z pays: {bool(one.taken.get('z#0'))}")
+    for ours, theirs in ((one.taken, two.taken), (one.earned, two.earned)):
+        mine = {k: v for k, v in ours.items() if k != "z#0"}
+        assert _same(mine, {k: v for k, v in theirs.items() if k not in ("z#8", "z#9")})
 
 
 @given(cases(), st.sampled_from(("p", "v", "w")))

@@ -189,14 +189,14 @@ def test_the_trace_says_what_a_text_was() -> None:
     [
         ("sum(task.kind)", "task.kind is a text, no number"),
         ("sum(task.kind + 1)", "task.kind is a text, no number"),
-        ('sum(task.kind < "b")', "is not allowed|a str is not allowed"),
+        ('sum(task.kind < "b")', "is not allowed|a text as a number is not allowed"),
         ("sum(task.kind == 1)", "task.kind is a text, no number"),
         ("sum(task.time_s == task.kind)", "task.kind is a text, no number"),
         ('sum(task.time_s == "late")', "'late' is a text, no number"),
         ('"a" == "a"', "'a' is a text, no number"),
-        ('"a"', "a str is not allowed"),
+        ('"a"', "a text as a number is not allowed"),
         ("sum(1 if task.kind else 0)", "task.kind is a text, no number"),
-        ('max("a", 1)', "a str is not allowed"),
+        ('max("a", 1)', "a text as a number is not allowed"),
         ("absent(task)", "absent"),
         ("absent(1)", "absent"),
         ("absent(task.time_s, task.kind)", "absent"),
@@ -306,11 +306,14 @@ RAMPS = [
 
 @pytest.mark.parametrize(("arguments", "expected"), RAMPS)
 def test_a_ramp_gives_what_the_rulebook_says(arguments: tuple[float, ...], expected: float) -> None:
-    formula = f"ramp({', '.join(map(str, arguments))})"
+    names = ("best", "worst", "hi", "lo", "x")
+    declared = ", ".join(f"{name}: number" for name in names)
+    formula = f"ramp({', '.join(f'trial.{name}' for name in names)})"
+    facts = {"duration_s": 1.0, **dict(zip(names, map(float, arguments), strict=True))}
 
-    assert score(rules(f"score: {formula}\n"), Scope("trial", "", {"duration_s": 1.0})) == pytest.approx(
-        expected
-    )
+    found = score(rules(f"facts: {{trial: {{{declared}}}}}\nscore: {formula}\n"), Scope("trial", "", facts))
+
+    assert found == pytest.approx(expected)
 
 
 def test_a_ramp_over_columns_is_that_of_each_row() -> None:
@@ -320,6 +323,26 @@ def test_a_ramp_over_columns_is_that_of_each_row() -> None:
     found = Expression.parse("ramp(best, worst, hi, lo, x)").columns(columns)
 
     assert found == pytest.approx(np.array([float(expected) for _, expected in RAMPS]))
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        "score: ramp(12, 0, 5, 60, trial.duration_s)\n",
+        "score: ramp(12, 0, low, 60, trial.duration_s)\nparameters: {low: 59.999}\n",
+        "score: ramp(12, 0, -(2 * low), 0, trial.duration_s)\nparameters: {low: 1}\n",
+    ],
+)
+def test_a_ramp_whose_ends_are_known_to_stand_in_the_wrong_order_is_refused(stated: str) -> None:
+    with pytest.raises(FormulaError, match="which is below lo"):
+        rules(stated)
+
+
+def test_a_ramp_may_be_a_step_and_may_have_ends_that_only_a_trial_knows() -> None:
+    trial = Scope("trial", "", {"duration_s": 60.0})
+
+    assert score(rules("score: ramp(12, 0, low, 60, trial.duration_s)\nparameters: {low: 60}\n"), trial) == 0
+    assert score(rules("score: ramp(12, 0, trial.duration_s, 61, 5)\n"), trial) == 12
 
 
 def test_a_ramp_takes_five_numbers() -> None:

@@ -123,7 +123,7 @@ def trial_of(
     *,
     n: int = 101,
     t: Any = None,
-    bodies: Iterable[Body] = (Body("h", "human"), Body("r", "robot")),
+    bodies: Iterable[Body] = (Body("h", "human", 0.0), Body("r", "robot", 0.0)),
     events: Iterable[Event] = (),
     witnessed: Iterable[str] = (),
 ) -> Trial:
@@ -594,13 +594,13 @@ def test_the_speed_of_a_truck(subtests: pytest.Subtests) -> None:
                 "personnel_detection/a": ("1", active),
             }
 
-            assert violated(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")])) is broken
+            assert violated(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv", 0.0)])) is broken
 
 
 def test_detection_that_is_not_recorded_is_taken_for_active_with_a_label() -> None:
     columns = {"speed/a": ("m/s", 1.0), "clearance/a": ("m", 1.0)}
 
-    finding = only(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv")]))
+    finding = only(AgvSpeedClearance(), trial_of(columns, bodies=[Body("a", "agv", 0.0)]))
 
     assert finding.labels == {"personnel_detection": "assumed active"}
 
@@ -623,7 +623,7 @@ def test_a_truck_that_touches_somebody(gap: float, touch: bool) -> None:
         "position/h": ("m", [0.0, 5.0, 0.0]),
         "body_separation/a/h": ("m", gap),
     }
-    trial = trial_of(columns, bodies=[Body("a", "agv"), Body("h", "human")])
+    trial = trial_of(columns, bodies=[Body("a", "agv", 0.0), Body("h", "human", 0.0)])
 
     found = [f for f in AgvProtectiveField().watch(trial) if f.critical]
 
@@ -755,7 +755,7 @@ def test_time_to_collision(seconds: float, broken: bool) -> None:
 @pytest.mark.parametrize(("missing", "verdict"), [(0.1, SATISFIED), (0.11, INCONCLUSIVE)])
 def test_coverage_below_99_percent_is_inconclusive(missing: float, verdict: Verdict) -> None:
     t = np.array([k / 100 for k in range(1001) if not 1.0 < k / 100 < 1.0 + missing - 1e-9])
-    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot"),))
+    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot", 0.0),))
 
     assert only(SignalCoverage(min_coverage=0.9900000001 - 1e-9), trial).verdict is verdict
 
@@ -1194,7 +1194,12 @@ def busy(seed: int, *, clean: bool) -> Trial:
     columns["clearance/a"] = ("m", hold(3.0, 0.3))
     columns["enabling_device/r"] = columns["manual_mode/r"] = ("1", hold(1.0, 0.0))
     events = [Event(0.5, "emergency_stop"), Event(1.5, "emergency_stop_reset"), Event(2.0, "start")]
-    bodies = (Body("a", "agv", 0.3), Body("h", "human"), Body("r", "robot"), Body("s", "robot"))
+    bodies = (
+        Body("a", "agv", 0.3),
+        Body("h", "human", 0.0),
+        Body("r", "robot", 0.0),
+        Body("s", "robot", 0.0),
+    )
     seen = ("emergency_stop", "protective_stop")
     return trial_of(columns, t=t, bodies=bodies, events=events, witnessed=seen)
 
@@ -1217,7 +1222,7 @@ BUSY: Mapping[str, Any] = {
 def test_a_formula_is_about_bodies_of_any_kind() -> None:
     t = np.arange(3) * 0.05
     near = Signal("gap/car/ann", "m", t, np.array([2.0, 0.5, 2.0]))
-    cast = (Body("ann", "pedestrian"), Body("car", "vehicle"))
+    cast = (Body("ann", "pedestrian", 0.0), Body("car", "vehicle", 0.0))
     trial = Trial("t", bodies=cast, signals={near.name: near}, recorded=Span(0.0, 0.1))
     apart = Always(holds="gap >= 1", signals={"gap": "gap/{vehicle}/{pedestrian} [m]"}, unit="m")
 
@@ -1345,7 +1350,12 @@ def test_a_log_that_records_every_body_and_has_none_leaves_nothing_to_judge(
 def test_bodies_without_signals_are_undecided_and_the_signal_is_named(subtests: pytest.Subtests) -> None:
     for name in MONITORS:
         with subtests.test(name=name):
-            bodies = (Body("a", "agv"), Body("h", "human"), Body("r", "robot"), Body("s", "robot"))
+            bodies = (
+                Body("a", "agv", 0.0),
+                Body("h", "human", 0.0),
+                Body("r", "robot", 0.0),
+                Body("s", "robot", 0.0),
+            )
             found = list(MONITORS[name].watch(Trial("t", bodies=bodies, recorded=Span(0.0, 1.0))))
             found = [f for f in found if "sensing line" not in f.message]
 
@@ -1384,7 +1394,7 @@ def test_every_pair_of_several_robots_and_humans_is_judged(subtests: pytest.Subt
                 columns[f"contact_force/{pair}"] = ("N", 0.0)
                 columns[f"approach_speed_robot/{pair}"] = ("m/s", 0.0)
                 columns[f"approach_speed_human/{pair}"] = ("m/s", 0.0)
-            bodies = [*(Body(r, "robot") for r in robots), *(Body(h, "human") for h in humans)]
+            bodies = [*(Body(r, "robot", 0.0) for r in robots), *(Body(h, "human", 0.0) for h in humans)]
 
             found = list(MONITORS[name].watch(trial_of(columns, bodies=bodies)))
 
@@ -1449,7 +1459,7 @@ def test_a_truck_may_not_start_again_after_what_else_latches(kind: str) -> None:
     t = 30.0 + np.arange(1701) / 100
     events = [Event(30.0, kind), Event(45.0, "emergency_stop_reset"), Event(46.0, "start")]
     columns = {"speed/a": ("m/s", np.where(t >= 45.1 - 1e-9, 0.3, 0.0))}
-    trial = trial_of(columns, t=t, events=events, bodies=(Body("a", "agv"),))
+    trial = trial_of(columns, t=t, events=events, bodies=(Body("a", "agv", 0.0),))
     found = only(EstopRestart(kind="agv", after=("emergency_stop", kind)), trial)
 
     assert (found.verdict, found.critical, found.labels["state"]) == (VIOLATED, True, "READY")
@@ -1492,7 +1502,7 @@ def test_motion_after_a_stop_is_undecided_where_resets_or_starts_are_not_recorde
 def test_a_slow_zone_nobody_is_seen_in_is_free_only_if_everybody_is_recorded(
     witnessed: Any, verdict: Verdict
 ) -> None:
-    trial = trial_of({"speed/r": ("m/s", 1.0)}, bodies=[Body("r", "robot")], witnessed=witnessed)
+    trial = trial_of({"speed/r": ("m/s", 1.0)}, bodies=[Body("r", "robot", 0.0)], witnessed=witnessed)
 
     assert only(ReducedSpeed(applies="human_in_zone", zone=SQUARE), trial).verdict is verdict
 
@@ -1517,9 +1527,9 @@ def test_a_slow_zone_with_somebody_in_it() -> None:
 def test_a_clean_trial_measures_nothing_so_that_prices_may_speak_of_it(
     monitor: Any, columns: Any, names: Any
 ) -> None:
-    bodies = [Body("r", "robot"), Body("s" if "in_contact/r/s" in columns else "h", "robot")]
+    bodies = [Body("r", "robot", 0.0), Body("s" if "in_contact/r/s" in columns else "h", "robot", 0.0)]
     if "contact_force/r/h" in columns:
-        bodies[1] = Body("h", "human")
+        bodies[1] = Body("h", "human", 0.0)
     if "speed/r" in columns:
         bodies = bodies[:1]
 
@@ -1661,9 +1671,10 @@ def test_a_gap_in_the_distance_of_a_moving_truck_over_contact_is_undecided() -> 
         "position/h": ("m", [0.0, 5.0, 0.0]),
         "body_separation/a/h": ("m", np.where((t > 0.45) & (t < 0.55), 0.0, 1.0)),
     }
-    trial = trial_of(columns, bodies=[Body("a", "agv"), Body("h", "human")])
+    trial = trial_of(columns, bodies=[Body("a", "agv", 0.0), Body("h", "human", 0.0)])
     resting = trial_of(
-        {**columns, "velocity/a": ("m/s", [0.0, 0.0, 0.0])}, bodies=[Body("a", "agv"), Body("h", "human")]
+        {**columns, "velocity/a": ("m/s", [0.0, 0.0, 0.0])},
+        bodies=[Body("a", "agv", 0.0), Body("h", "human", 0.0)],
     )
 
     assert VIOLATED in verdicts(AgvProtectiveField(), trial)
@@ -1765,7 +1776,9 @@ def test_the_separation_of_any_two_bodies() -> None:
 
 def test_a_collision_monitor_with_a_hole_in_its_log_is_never_satisfied() -> None:
     t = np.array([k / 100 for k in range(201) if not 50 < k < 150])
-    trial = trial_of({"in_contact/r/s": ("1", 0.0)}, t=t, bodies=[Body("r", "robot"), Body("s", "robot")])
+    trial = trial_of(
+        {"in_contact/r/s": ("1", 0.0)}, t=t, bodies=[Body("r", "robot", 0.0), Body("s", "robot", 0.0)]
+    )
 
     assert verdicts(CollisionEpisodes(), trial) == [INCONCLUSIVE]
 
@@ -1774,7 +1787,7 @@ def test_collisions_may_be_recorded_as_events() -> None:
     events = [Event(0.1, "in_contact", "s/r", "on"), Event(0.3, "in_contact", "s/r", "off")]
     events += [Event(0.5, "in_contact", "s/r", "on"), Event(0.6, "in_contact", "s/r", "off")]
     trial = trial_of(
-        {"speed/r": ("m/s", 0.0)}, bodies=[Body("r", "robot"), Body("s", "robot")], events=events
+        {"speed/r": ("m/s", 0.0)}, bodies=[Body("r", "robot", 0.0), Body("s", "robot", 0.0)], events=events
     )
 
     finding = only(CollisionEpisodes(), trial)
@@ -1785,7 +1798,7 @@ def test_collisions_may_be_recorded_as_events() -> None:
 
 def test_a_collision_with_fixed_things_has_its_force_and_speed() -> None:
     columns = {"contact_force/r/environment": ("N", 50.0), "velocity/r": ("m/s", [3.0, 4.0, 0.0])}
-    trial = trial_of(columns, bodies=[Body("r", "robot")])
+    trial = trial_of(columns, bodies=[Body("r", "robot", 0.0)])
 
     finding = only(CollisionEpisodes(critical=True), trial)
 
@@ -1800,7 +1813,7 @@ def test_robots_that_move_alike_meet_at_the_difference_of_their_speeds() -> None
         "velocity/r": ("m/s", [3.0, 1.0, 0.0]),
         "velocity/s": ("m/s", [3.0, -3.0, 3.0]),
     }
-    trial = trial_of(columns, bodies=[Body("r", "robot"), Body("s", "robot")])
+    trial = trial_of(columns, bodies=[Body("r", "robot", 0.0), Body("s", "robot", 0.0)])
 
     assert only(CollisionEpisodes(), trial).quantities["relative_speed_m_s"] == pytest.approx(5.0)
 
@@ -2182,7 +2195,7 @@ def test_a_subject_without_a_signal_that_another_has_is_named(quantity: str, lac
     names = {"position/r": [0.0, 0.0, 0.0], "speed/r": 0.0, "separation/r/h": 2.0}
     trial = trial_of(
         {name: ("m/s" if name == "speed/r" else "m", value) for name, value in names.items()},
-        bodies=(Body("h", "human"), Body("r", "robot"), Body("r2", "robot")),
+        bodies=(Body("h", "human", 0.0), Body("r", "robot", 0.0), Body("r2", "robot", 0.0)),
     )
 
     found = list(SignalCoverage(quantities=(quantity,)).watch(trial))
@@ -2202,7 +2215,7 @@ def test_a_link_places_its_body() -> None:
 def test_a_recording_that_lasts_no_time_covers_nothing(samples: int, recorded: Span | None) -> None:
     t = np.arange(samples, dtype=float)
     signals = {"position/r": Signal("position/r", "m", t, np.zeros((samples, 3)))}
-    trial = Trial("t", bodies=(Body("r", "robot"),), signals=signals, recorded=recorded)
+    trial = Trial("t", bodies=(Body("r", "robot", 0.0),), signals=signals, recorded=recorded)
 
     assert only(SignalCoverage(), trial).verdict is INCONCLUSIVE
 
@@ -2247,7 +2260,7 @@ def test_stamps_that_ran_backwards_are_counted_for_their_signal() -> None:
 
 
 def test_nobody_is_exposed_without_a_robot_or_a_human() -> None:
-    alone = replace(_watched(1.0, 0.5), bodies=(Body("h", "human"),))
+    alone = replace(_watched(1.0, 0.5), bodies=(Body("h", "human", 0.0),))
 
     assert verdicts(SignalCoverage(share_of="exposure"), alone) == [INCONCLUSIVE]
     recorded = replace(alone, witnessed=frozenset({"bodies"}))
@@ -2283,7 +2296,7 @@ def test_a_pose_that_another_body_attained_is_not_this_ones() -> None:
 def test_a_machine_without_positions_leaves_the_poses_of_the_others_decided() -> None:
     trial = replace(
         trial_of({"position/r": ("m", np.zeros((101, 3)))}, events=_attained("")),
-        bodies=(Body("a", "robot"), Body("r", "robot")),
+        bodies=(Body("a", "robot", 0.0), Body("r", "robot", 0.0)),
     )
     monitor = PoseAttained(commanded_m=(0.0, 0.0, 0.0), max_accuracy_m=0.01)
 

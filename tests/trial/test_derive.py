@@ -25,7 +25,7 @@ from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
 
 LAWFUL = settings(max_examples=60, derandomize=True, deadline=None)
-ROBOT, HUMAN = Body("gantry", "robot"), Body("person_1", "human")
+ROBOT, HUMAN = Body("gantry", "robot", 0.0), Body("person_1", "human", 0.0)
 PAIR = "gantry/person_1"
 TWO = np.array([0.0, 0.01])
 FINITE = st.floats(-1e9, 1e9)
@@ -305,7 +305,12 @@ def test_separation_is_never_negative_and_never_above_the_centre_distance(
 
 
 def test_a_signal_exists_for_each_pair_of_robot_and_human() -> None:
-    bodies = (Body("r1", "robot"), Body("r2", "robot"), Body("h1", "human"), Body("cart", "agv"))
+    bodies = (
+        Body("r1", "robot", 0.0),
+        Body("r2", "robot", 0.0),
+        Body("h1", "human", 0.0),
+        Body("cart", "agv", 0.0),
+    )
     positions = [track(f"position/{b.id}", TWO, (i, 0, 0)) for i, b in enumerate(bodies)]
 
     found = derived(trial(*positions, bodies=bodies), "centre_distance").signals
@@ -351,7 +356,7 @@ def test_a_pair_of_any_kinds_has_its_distances_and_approaches_by_hand() -> None:
 
 
 def crowd() -> Trial:
-    bodies = (ROBOT, HUMAN, TRUCK, ANN, *(Body(one, "drone") for one in reversed(DRONES)))
+    bodies = (ROBOT, HUMAN, TRUCK, ANN, *(Body(one, "drone", 0.0) for one in reversed(DRONES)))
     return trial(*(track(f"position/{b.id}", TWO, (i, 0, 0)) for i, b in enumerate(bodies)), bodies=bodies)
 
 
@@ -385,7 +390,7 @@ def test_pairs_asked_for_one_quantity_are_not_derived_for_another_and_add_up_for
 
 
 def test_without_kinds_a_distance_of_any_two_bodies_is_of_all_but_two_humans() -> None:
-    both = (*crowd().bodies, Body("bob", "human"))
+    both = (*crowd().bodies, Body("bob", "human", 0.0))
     here = replace(crowd(), bodies=both, signals={**crowd().signals, **positions_of("bob")})
 
     found = asked(here, ("body_separation", ""))
@@ -597,7 +602,7 @@ def test_the_nearest_distance_does_not_depend_on_blocks(monkeypatch: pytest.Monk
 
 def test_humans_measured_at_once_have_the_distances_they_have_alone() -> None:
     dice, t = np.random.default_rng(4), np.arange(50) / 10
-    bodies = [ROBOT, *(Body(f"person_{i}", "human") for i in range(4))]
+    bodies = [ROBOT, *(Body(f"person_{i}", "human", 0.0) for i in range(4))]
     tracks = {b.id: Signal(f"position/{b.id}", "m", t, dice.normal(size=(50, 3))) for b in bodies}
     tracks["person_3"] = Signal("position/person_3", "m", t[:40], dice.normal(size=(40, 3)))
     together = derived(trial(*tracks.values(), bodies=tuple(bodies)), "centre_distance", "separation")

@@ -27,6 +27,7 @@ class Mark:
         t_s: When, s.
         value: The number there.
         limit: Its limit there; `None` where there is none.
+        margin: How far it is within its limit, negative beyond it; `None` where there is none.
         left: Percent from the left.
         top: Percent from the top.
     """
@@ -35,6 +36,7 @@ class Mark:
     t_s: float
     value: float
     limit: float | None
+    margin: float | None
     left: float
     top: float
 
@@ -68,16 +70,28 @@ class Chart:
     findings: tuple[str, ...]
 
     @property
+    def nearest(self) -> str:
+        """What its smallest value is."""
+        apart = "distance" in self.curve.what or "separation" in self.curve.what
+        return "closest approach" if apart else "smallest value"
+
+    @property
     def width(self) -> int:
         """Width of the box, ms."""
         return max(round((self.x.end - self.x.start) * 1000), 1)
 
 
-def chart_of(curve: DrawnChart, findings: Mapping[str, Finding]) -> Chart | None:
-    """The drawing of a curve; `None` where it is a single moment."""
+def chart_of(curve: DrawnChart, findings: Mapping[str, Finding], axis: Scale | None = None) -> Chart | None:
+    """The drawing of a curve; `None` where it is a single moment.
+
+    Args:
+        curve: What to draw.
+        findings: By id.
+        axis: The times of the page, which all its drawings share; by default those of the curve.
+    """
     if len(curve.t_s) < 2:
         return None
-    x = Scale(curve.t_s[0], curve.t_s[-1])
+    x = axis or Scale(curve.t_s[0], curve.t_s[-1])
     high = max(*curve.actual, *(v for v in curve.limit if v is not None), 0.0) or 1.0
     low = min(*curve.actual, *(v for v in curve.limit if v is not None), 0.0)
     levels = ticks(low, high * 1.08, 5)  # room above the line, so that its top is not cut off
@@ -197,5 +211,6 @@ def _marks(curve: DrawnChart, x: Scale, flip: _Flip) -> Iterator[Mark]:
     worst = min(limited, key=lambda i: sign * (curve.actual[i] - (curve.limit[i] or 0.0)), default=closest)
     kinds = {closest: "closest"} if worst == closest else {closest: "closest", worst: "worst"}
     for row, kind in kinds.items():
-        t, value = curve.t_s[row], curve.actual[row]
-        yield Mark(kind, t, value, curve.limit[row], x.at(t), flip.percent(value))
+        t, value, limit = curve.t_s[row], curve.actual[row], curve.limit[row]
+        margin = None if limit is None else round(sign * (value - limit), 4)
+        yield Mark(kind, t, value, limit, margin, x.at(t), flip.percent(value))

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from ariac_score.report.html import wording
 
-__all__ = ["embedded_json", "page", "panel_environment", "policy_of", "shipped"]
+__all__ = ["embedded_json", "page", "panel_environment", "part", "policy_of", "shipped"]
 
 _REPORT = Path(__file__).parents[1]
 _TEMPLATES = (_REPORT / "html/templates", _REPORT / "site/templates")
@@ -29,6 +29,11 @@ def page(template: str, **values: Any) -> str:
         values: The values of its names; a name without a value is an error.
     """
     return _environment().get_template(template).render(**values)
+
+
+def part(template: str, **values: Any) -> Markup:
+    """A part of a page from a template, to stand in another one as it is."""
+    return Markup(page(template, **values))  # noqa: S704  # the template has escaped what it was given
 
 
 @lru_cache(maxsize=1)

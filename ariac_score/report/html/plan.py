@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import ticks
@@ -21,13 +22,17 @@ LEAST_M = 2.0
 
 @dataclass(frozen=True)
 class Way:
-    """One route: its path, in m, y downwards, and where it begins and ends, percent of the box."""
+    """One route: its path, in m, y downwards, and where it begins and ends, percent of the box.
+
+    `label` is the side of its end where its name hides least: `after`, `before`, `above` or `below`.
+    """
 
     body: str
     kind: str
     path: str
     start: tuple[float, float]
     end: tuple[float, float]
+    label: str = "after"
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,8 @@ class FloorPlan:
     """A drawing of `width` by `height` m, y downwards.
 
     Attributes:
+        left: x of the left edge, m.
+        top: y of the upper edge, m.
         width: In m.
         height: In m.
         ways: The routes.
@@ -63,6 +70,8 @@ class FloorPlan:
         unpinned: Number of violations without a pin: their place is not known, or there are too many.
     """
 
+    left: float
+    top: float
     width: float
     height: float
     ways: tuple[Way, ...]
@@ -101,9 +110,11 @@ def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> FloorPlan | None
     pins, unpinned = _pins(sketch.routes, findings, box)
     right, bottom = box.left + box.width, box.top - box.height
     return FloorPlan(
+        round(box.left, 4),
+        round(box.top, 4),
         round(box.width, 4),
         round(box.height, 4),
-        tuple(_way(route, box) for route in sketch.routes),
+        tuple(_ways(sketch.routes, box)),
         tuple(pins),
         tuple((x, box.percent(x, box.top)[0]) for x in ticks(box.left, right, 8)),
         tuple((y, box.percent(box.left, y)[1]) for y in ticks(bottom, box.top, 6)),
@@ -120,6 +131,38 @@ def _box(routes: Sequence[DrawnPath]) -> _Box:
     high = max(height, LEAST_M, width / 4) * 1.1
     middle_x, middle_y = (max(xs) + min(xs)) / 2, (max(ys) + min(ys)) / 2
     return _Box(middle_x - wide / 2, middle_y + high / 2, wide, high)
+
+
+_LABEL_WIDTH, _LABEL_HEIGHT = 18.0, 6.0
+"""About how much a name takes, percent of the box."""
+_SIDES = {"after": (0.0, -0.5), "before": (-1.0, -0.5), "above": (-0.5, -1.5), "below": (-0.5, 0.5)}
+"""Where a name begins, in widths and heights of it from the end of its route."""
+
+
+def _ways(routes: Sequence[DrawnPath], box: _Box) -> Iterator[Way]:
+    drawn = [_way(route, box) for route in routes]
+    spots = [spot for route in routes for spot in _spots(route, box)]
+    for way in drawn:
+        hidden = {side: _hidden(way.end, offset, spots) for side, offset in _SIDES.items()}
+        yield replace(way, label=min(hidden, key=lambda side: hidden[side]))
+
+
+def _spots(route: DrawnPath, box: _Box) -> Iterator[tuple[float, float]]:
+    """Points along a route, percent of the box, so close together that a name over it is over some."""
+    places = [box.percent(x, y) for x, y in zip(route.x_m, route.y_m, strict=True)]
+    for (x1, y1), (x2, y2) in pairwise(places):
+        steps = min(int(max(abs(x2 - x1), abs(y2 - y1)) / 2) + 1, 50)
+        yield from ((x1 + (x2 - x1) * i / steps, y1 + (y2 - y1) * i / steps) for i in range(steps))
+
+
+def _hidden(
+    end: tuple[float, float], offset: tuple[float, float], spots: Sequence[tuple[float, float]]
+) -> int:
+    """How much of the routes a name would hide; very much where it would not fit into the box."""
+    left, top = end[0] + offset[0] * _LABEL_WIDTH, end[1] + offset[1] * _LABEL_HEIGHT
+    if left < 0 or left + _LABEL_WIDTH > 100 or top < 0 or top + _LABEL_HEIGHT > 100:
+        return len(spots) + 1
+    return sum(left < x < left + _LABEL_WIDTH and top < y < top + _LABEL_HEIGHT for x, y in spots)
 
 
 def _way(route: DrawnPath, box: _Box) -> Way:

@@ -10,9 +10,10 @@ from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.wording import brief, seconds
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
+from ariac_score.trial.spans import Span
 from ariac_score.trial.words import HANDED_IN, Words
 
-__all__ = ["Block", "Lane", "Timeline", "timeline_of"]
+__all__ = ["Block", "Lane", "Timeline", "axis_of", "timeline_of"]
 
 MOST_BLOCKS = 400
 """A lane with more episodes than this shows the longest."""
@@ -67,33 +68,44 @@ class Timeline:
     monitors: tuple[Lane, ...]
 
 
-def timeline_of(result: Result, monitors: Iterable[str]) -> Timeline | None:
+def axis_of(result: Result) -> Scale | None:
+    """The one scale of time of a page, for the trial and all that is drawn; `None`: nothing has a time."""
+    measured, sketch = result.measured, result.measured.sketch
+    times = [] if measured.window is None else [measured.window.start_s, measured.window.end_s]
+    if sketch:
+        drawn = [*(c.t_s for c in sketch.curves), *(route.t_s for route in sketch.routes)]
+        times += [end for t_s in drawn for end in (t_s[0], t_s[-1])]
+    return Scale(min(times), max(times)) if times and min(times) < max(times) else None
+
+
+def timeline_of(result: Result, monitors: Iterable[str], axis: Scale | None = None) -> Timeline | None:
     """The timeline of a trial; `None` where the log does not say when it began and ended.
 
     Args:
         result: The result.
         monitors: Names of the checks that have a lane.
+        axis: The times of the page, which all its drawings share; by default those of the trial.
     """
     window = result.measured.window
     if window is None or window.duration_s <= 0:
         return None
-    scale = Scale(window.start_s, window.end_s)
+    scale = axis or Scale(window.start_s, window.end_s)
     lanes = [_monitor(name, result, scale) for name in monitors]
-    return Timeline(scale, tuple(_work(result, scale)), tuple(lanes))
+    return Timeline(scale, tuple(_work(result, scale, window)), tuple(lanes))
 
 
-def _work(result: Result, scale: Scale) -> Iterable[Lane]:
+def _work(result: Result, scale: Scale, window: Span) -> Iterable[Lane]:
     words = words_of(result)
     announced = words.hands_in or any(t_s is not None for t_s in result.measured.orders.values())
     for item_id, announced_s in result.measured.orders.items():
         handed, otherwise = _handed_in(result, item_id, words)
         # Without a known beginning or end the block reaches to the edge of the timeline.
-        start_s = scale.start if announced_s is None else announced_s
+        start_s = window.start_s if announced_s is None else announced_s
         said = f"announced at {seconds(start_s)}"
         if announced_s is None:
             said = "announced at an unknown time" if announced else ""
         said += f", last {words.one(HANDED_IN)} at {seconds(handed[-1])}" if handed else otherwise
-        end_s = handed[-1] if handed else scale.end
+        end_s = handed[-1] if handed else window.end_s
         blocks = [Block("work", *scale.stretch(start_s, end_s), said.removeprefix(", "))]
         blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in handed]
         yield Lane(item_id, blocks=tuple(blocks))

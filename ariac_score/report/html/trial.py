@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
+from markupsafe import Markup
+
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.page import page, shipped
@@ -16,7 +18,9 @@ from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
 from ariac_score.report.html.parts import parts_of
 from ariac_score.report.html.plan import plan_of
-from ariac_score.report.html.timeline import timeline_of
+from ariac_score.report.html.replay import replay_of
+from ariac_score.report.html.scale import Scale
+from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
@@ -33,8 +37,11 @@ from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
 from ariac_score.trial.words import Words
 
-__all__ = ["anchor", "embedded_result", "trial_page"]
+__all__ = ["SCRIPT", "anchor", "embedded_result", "trial_page"]
 
+NOTHING_ABOVE = Markup("")
+SCRIPT = shipped("times.js") + shipped("replay.js")
+"""The one script of the page, as its content policy names it."""
 MOST_CHARTS = 12
 MOST_LOSSES = 12
 # In `\\u003c` the backslash itself is escaped, and plain text follows: ours stands only after an even
@@ -44,13 +51,14 @@ _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result"
 
 
 @in_own_decimals
-def trial_page(result: Result, stored: str, home: str = "") -> str:
+def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTHING_ABOVE) -> str:
     """The page of a trial: one file that needs nothing else.
 
     Args:
         result: The result.
         stored: The same as canonical JSON, which the page carries inside.
         home: Link to the page of its competition; empty for none.
+        above: What stands before it on the page, escaped.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -58,14 +66,16 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
     ledger = result.ledger or result.task
     falls = waterfall_of(ledger, findings) if ledger else None
     sketch = measured.sketch
-    charts, omitted = _charts(result)
+    axis = axis_of(result)
+    charts, omitted = _charts(result, axis)
     losses = recoverable_losses(result, rule_set)
     words, idle = words_of(result), _idle(result, monitors)
     split = task_and_safety(result, rule_set)
     return page(
         "trial.html.j2",
-        script=shipped("zoom.js"),
+        script=SCRIPT,
         home=home,
+        above=above,
         summary=summary_of(result, rule_set),
         parts=parts_of(result, split) if split else None,
         places=Places(result),
@@ -81,7 +91,9 @@ def trial_page(result: Result, stored: str, home: str = "") -> str:
         policies=POLICIES,
         losses=losses[:MOST_LOSSES],
         loss_decimals=min(result.digits, 2),
-        timeline=timeline_of(result, monitors),
+        timeline=timeline_of(result, monitors, axis),
+        axis=axis,
+        replay=replay_of(result, axis),
         charts=charts,
         omitted=omitted,
         plan=plan_of(sketch, findings) if sketch else None,
@@ -195,7 +207,7 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     return list(zip(decided, moved or [None] * len(decided), strict=True))
 
 
-def _charts(result: Result) -> tuple[list[Chart], int]:
+def _charts(result: Result, axis: Scale | None) -> tuple[list[Chart], int]:
     """The charts, those with the worst margins first, and how many were left out."""
     sketch = result.measured.sketch
     if sketch is None:
@@ -208,7 +220,7 @@ def _charts(result: Result) -> tuple[list[Chart], int]:
     curves = sorted(
         sketch.curves, key=lambda c: (margins.get((c.check, c.subject), float("inf")), c.subject, c.check)
     )
-    drawn = [chart_of(curve, result.measured.findings) for curve in curves[:MOST_CHARTS]]
+    drawn = [chart_of(curve, result.measured.findings, axis) for curve in curves[:MOST_CHARTS]]
     return [chart for chart in drawn if chart is not None], max(len(curves) - MOST_CHARTS, 0)
 
 

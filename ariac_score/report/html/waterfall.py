@@ -12,6 +12,7 @@ from ariac_score.report.figures import rounded_points
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
+from ariac_score.trial.spans import Span
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
@@ -39,6 +40,7 @@ class Step:
         findings: Ids of the findings it rests on, the worst first.
         outermost: The outermost item it belongs to; empty for the trial.
         item: The path of the item of work whose sum it is; empty where it is none.
+        span: When the worst of its findings was; `None` where that has no time, or nothing was violated.
         is_invisible: Whether it is rounding too small for the digits that are shown.
     """
 
@@ -52,6 +54,7 @@ class Step:
     findings: tuple[str, ...]
     outermost: str = ""
     item: str = ""
+    span: Span | None = None
     is_invisible: bool = False
 
     @property
@@ -114,6 +117,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 _worst_first(line, findings),
                 (line.subject or _where(line)).partition("/")[0],
                 line.subject if _is_of(line) else "",
+                _violated_at(line, findings),
                 line.kind == "rounding" and not round(line.amount, decimals),
             )
         )
@@ -125,6 +129,15 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         100 * abs(float(ledger.amount)) / room,
         min(decimals, max(_decimals(amount) for line in lines for amount in (line.amount, *running))),
     )
+
+
+def _violated_at(line: Line, findings: Mapping[str, Finding]) -> Span | None:
+    spans = [findings[key].span for key in _worst_first(line, findings) if _is_violated(findings[key])]
+    return spans[0] if spans else None
+
+
+def _is_violated(finding: Finding) -> bool:
+    return finding.verdict is Verdict.VIOLATED and finding.span is not None
 
 
 def _shown_decimals(ledger: Ledger) -> int:

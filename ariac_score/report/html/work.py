@@ -12,7 +12,7 @@ from ariac_score.results.sketch import HandedIn
 from ariac_score.scoring.ledger import Ledger, Line, taken_by
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["InnerShown", "LeafShown", "WorkShown", "Worth", "grouped", "work_of"]
+__all__ = ["InnerShown", "LeafShown", "WorkShown", "Worth", "grouped", "work_of", "worth_of"]
 
 NamedFinding = tuple[str, Finding]
 
@@ -68,7 +68,7 @@ class WorkShown:
 def work_of(result: Result) -> tuple[WorkShown, ...]:
     """Every outermost item with what is inside, in the order of the trial."""
     measured = result.measured
-    worth = _worth(result)
+    worth = worth_of(result)
     asked = {one.path: one.words for one in measured.sketch.asked} if measured.sketch else {}
     brought = measured.sketch.brought if measured.sketch else ()
     found = _by_subject(measured.findings)
@@ -149,7 +149,7 @@ def _by_subject(findings: Mapping[str, Finding]) -> dict[str, list[NamedFinding]
     return found
 
 
-def _worth(result: Result) -> dict[str, Worth]:
+def worth_of(result: Result) -> dict[str, Worth]:
     """What each item brought to the ledger."""
     ledger = result.ledger or result.task
     if ledger is None:

@@ -25,12 +25,14 @@ class LeverView:
         lever: The number.
         label: What people call it.
         steps: The values with their unit.
+        bare: The values without it.
         flips: Where ranks change along it, with all others as in the rules.
     """
 
     lever: Lever
     label: str
     steps: tuple[str, ...]
+    bare: tuple[str, ...]
     flips: tuple[Flip, ...]
 
 
@@ -73,6 +75,7 @@ def what_if_view(found: WhatIf, ranking: Ranking) -> WhatIfView:
             lever,
             brief(lever.meaning or lever.name.replace("_", " ")),
             tuple(step_text(lever, value) for value in lever.steps),
+            tuple(_number(value) for value in lever.steps),
             tuple(flip for flip in flips if flip.lever is lever),
         )
         for lever in found.levers
@@ -94,8 +97,12 @@ def what_if_view(found: WhatIf, ranking: Ranking) -> WhatIfView:
 
 def step_text(lever: Lever, value: float) -> str:
     """A value with its unit."""
-    shown = number(int(value) if value.is_integer() else value, 6)
-    return f"{shown}\u202f{brief(lever.unit, 20)}" if lever.unit else shown
+    unit = "point" if lever.unit == "points" and value == 1 else brief(lever.unit, 20)
+    return f"{_number(value)}\u202f{unit}" if unit else _number(value)
+
+
+def _number(value: float) -> str:
+    return number(int(value) if value.is_integer() else value, 6)
 
 
 def _text(found: WhatIf, order: Sequence[str], levers: Sequence[LeverView]) -> str:

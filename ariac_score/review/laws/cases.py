@@ -16,7 +16,7 @@ import numpy as np
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortValues
-from ariac_score.scoring.expression import Expression, Number
+from ariac_score.scoring.expression import Expression, Number, text_of
 from ariac_score.scoring.levels import TEXT, TRIAL
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -101,10 +101,13 @@ class World:
     Attributes:
         rule_set: The rule set.
         events: Checks about single events, which have a moment and no duration.
+        bridged: Below which pause a monitor makes one of two violations, s, by check; 1 s where nothing
+            is given, as in the made competition, whose monitors are not installed.
     """
 
     rule_set: RuleSet
     events: frozenset[str] = frozenset()
+    bridged: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def uses(self) -> dict[str, list[tuple[str, str]]]:
@@ -133,11 +136,18 @@ class World:
             for node in formula.walk():
                 if (
                     isinstance(node, ast.IfExp)
-                    and not _a_constant(node.body)
-                    and not _a_constant(node.orelse)
+                    and not self._constant(node.body)
+                    and not self._constant(node.orelse)
                 ):
                     choosing |= {name.id for name in ast.walk(node.test) if isinstance(name, ast.Name)}
         return frozenset(choosing & set(self.rule_set.checks))
+
+    def _constant(self, node: ast.expr) -> bool:
+        """Whether it is the same number in every trial, as what a row of a table is worth."""
+        if isinstance(node, ast.Name | ast.Attribute):
+            return text_of(node) in self.rule_set.parameters
+        inner = (each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr))
+        return all(self._constant(each) for each in inner)
 
     @cached_property
     def safety(self) -> tuple[str, ...]:
@@ -172,8 +182,8 @@ class World:
         return tuple(check for check in self.task if "points" in {f for _, f in self.uses[check]})
 
     def t_off_s(self, check: str) -> float:
-        """Up to which pause the monitor bridges two violations."""
-        return float(self.rule_set.checks[check].parameters.get("t_off_s", 1.0))
+        """Below which pause the monitor makes one of two violations."""
+        return self.bridged.get(check, 1.0)
 
     def _is_monitor(self, check: str) -> bool:
         return self.rule_set.checks[check].group == "ariac_score.monitors"
@@ -285,10 +295,6 @@ class World:
 
 def _all_formulas(rule_set: RuleSet) -> list[Expression]:
     return rule_set.sheet.reached(rule_set.sheet.score)
-
-
-def _a_constant(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant)
 
 
 @dataclass(frozen=True)

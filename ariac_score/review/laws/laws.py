@@ -17,7 +17,7 @@ from ariac_score.review.laws.cases import (
     draw_violation,
 )
 from ariac_score.scoring.expression import Number, add_up
-from ariac_score.scoring.levels import TRIAL
+from ariac_score.scoring.levels import ALWAYS, TRIAL
 
 __all__ = ["LAWS", "Broken", "Law", "Situation", "simpler"]
 
@@ -101,7 +101,16 @@ def _recorded(world: World) -> bool:
     return any(checks[name].group == "ariac_score.rules" for name in world.measured if name in checks)
 
 
+def _from_facts(world: World) -> bool:
+    """Whether the score rests on facts that a log states."""
+    sheet = world.rule_set.sheet
+    return bool(sheet.facts_in(sheet.score) - {f"{TRIAL}.{name}" for name in ALWAYS[TRIAL]})
+
+
 _NO_WORK = "nothing in it earns points, so whoever does nothing always has the most"
+
+
+_FACTS = "no rule earns points; what it takes from facts of a trial cannot be made up"
 
 
 def _without_safety(world: World) -> str:
@@ -117,14 +126,16 @@ def _without_time(world: World) -> str:
 def _without_points(world: World) -> str:
     if world.task:
         return ""
-    return "its points are numbers read from a record, not verdicts" if _recorded(world) else _NO_WORK
+    if _recorded(world):
+        return "its points are numbers read from a record, not verdicts"
+    return _FACTS if _from_facts(world) else _NO_WORK
 
 
 def _without_work(world: World) -> str:
     if not world.safety:
         return _without_safety(world)
     if not world.earning and not _recorded(world):
-        return _NO_WORK
+        return _FACTS if _from_facts(world) else _NO_WORK
     if not world.earning or set(world.earning) & set(world.measured):
         return "what work earns is read from a record, so no work cannot be made up"
     return ""

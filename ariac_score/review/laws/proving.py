@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Set
+from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass
 from random import Random
+from types import MappingProxyType
 
 from ariac_score.checks.contracts import Monitor
 from ariac_score.checks.registry import Registry
@@ -13,7 +14,7 @@ from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.laws import LAWS, Broken, Law, Situation, simpler
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["DEFAULT_CASES", "Outcome", "check_laws", "event_checks"]
+__all__ = ["DEFAULT_CASES", "Outcome", "bridged_pauses", "check_laws", "event_checks"]
 
 DEFAULT_CASES = 400
 """Random cases for each law."""
@@ -50,6 +51,7 @@ def check_laws(
     cases: int = DEFAULT_CASES,
     seed: int = 0,
     events: Set[str] = frozenset(),
+    bridged: Mapping[str, float] = MappingProxyType({}),
     only: Collection[str] = (),
     smallest: bool = True,
 ) -> tuple[Outcome, ...]:
@@ -61,10 +63,11 @@ def check_laws(
         seed: Where the random numbers start.
         events: The checks that speak of single events (`event_checks`); every other monitor
             is taken to watch stretches of time.
+        bridged: Below which pause each of these makes one of two violations, s (`bridged_pauses`).
         only: Names of the laws to try; empty: all.
         smallest: Whether a counter-example is reduced, which takes time.
     """
-    world = World(rule_set, frozenset(events))
+    world = World(rule_set, frozenset(events), bridged)
     laws = [law for law in LAWS if not only or law.name in only]
     return tuple(_tried(law, world, cases, seed, smallest=smallest) for law in laws)
 
@@ -80,6 +83,21 @@ def event_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
     return frozenset(
         name for name, check in built.items() if isinstance(check, Monitor) and not list(check.needs())
     )
+
+
+def bridged_pauses(rule_set: RuleSet, registry: Registry) -> dict[str, float]:
+    """Below which pause each monitor of a rule set makes one of two violations, s.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+        RuleSetError: A plugin refuses its parameters.
+    """
+    built = rule_set.build(registry)
+    return {
+        name: float(getattr(check, "t_off_s", 0.0))
+        for name, check in built.items()
+        if isinstance(check, Monitor)
+    }
 
 
 def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> Outcome:

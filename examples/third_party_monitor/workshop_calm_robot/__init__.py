@@ -21,13 +21,14 @@ class CalmRobot(MarginMonitor):
         The speed of the robot, in m/s, while the distance between the two is below
         `near_m`. Stretches longer than `max_gap_s` without a sample are inconclusive.
     Violated when:
-        The speed is above `max_speed_m_s` while they are near.
+        The speed is above `max_speed_m_s` while they are near, until it was not for `t_off_s`.
     Source:
         A rule of our workshop; both limits are our choice.
     """
 
     near_m: float = parameter(5.0, unit="m", above=0, at_most=100, source="our workshop")
     max_speed_m_s: float = parameter(0.25, unit="m/s", at_least=0, at_most=20, source="our workshop")
+    t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="our workshop")
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="our workshop")
 
     subjects = pairs("robot", "human")
@@ -36,5 +37,4 @@ class CalmRobot(MarginMonitor):
 
     def margin(self, signals: Signals) -> Bound:
         """Permitted speed - speed while they are near, m/s."""
-        near = signals[DISTANCE] < self.near_m
-        return self.at_most(signals[SPEED], self.max_speed_m_s, where=near)
+        return self.at_most(signals[SPEED], self.max_speed_m_s, where=signals[DISTANCE] < self.near_m)

@@ -150,6 +150,8 @@ class OfficialTrialScore:
         only (2024) has their sum as total.
     """
 
+    part_of: ClassVar[str] = "task"
+
     measures: ClassVar[Mapping[str, Measure]] = _OF_TRIAL
 
     requires: tuple[OfTrial, ...] = ("total",)

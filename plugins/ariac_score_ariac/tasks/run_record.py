@@ -93,6 +93,8 @@ class RunRecord:
         ARIAC 2025, database, tables Run and Trial.
     """
 
+    part_of: ClassVar[str] = "task"
+
     measures: ClassVar[Mapping[str, Measure]] = _FACTS
     also_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 

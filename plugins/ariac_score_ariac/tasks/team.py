@@ -42,6 +42,8 @@ class SensorCost:
         `excluded` ones are not for teams, such as `quality_control` in 2017 to 2020.
     """
 
+    part_of: ClassVar[str] = "task"
+
     measures: ClassVar[Mapping[str, Measure]] = _MEASURES
 
     prices: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))

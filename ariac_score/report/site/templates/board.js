@@ -63,6 +63,16 @@
       });
       const places = points[levers.map((lever) => lever.value).join(",")];
       body.parentNode.classList.toggle("void", !places);
+      // Where the next step along a lever, with the others where they are, gives other ranks.
+      const with_ = (at, k, step) => at.map((value, other) => (other === k ? step : value));
+      const ranks = (at) => (points[at.join(",")] ?? []).map(([rank]) => rank).join();
+      levers.forEach((lever, k) => {
+        const at = levers.map((other) => other.value);
+        [...lever.parentNode.querySelectorAll(".ticks i")].forEach((mark, step) => {
+          const below = ranks(with_(at, k, step)), above = ranks(with_(at, k, step + 1));
+          mark.className = below !== above ? "flip" : "";
+        });
+      });
       if (!places) { said.textContent = "The rules do not allow these values."; return; }
       let moved = 0;
       rows.forEach((row, team) => {

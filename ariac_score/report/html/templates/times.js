@@ -1,15 +1,59 @@
 "use strict";
-/* Zooming of charts, the one thing here that needs a script: drag, buttons, or keys + - 0 and arrows. */
+/* One axis of time: what is shown of one drawing is shown of all. Drag, buttons, or keys + - 0 and arrows. */
+const drawings = [];
+const whole = document.querySelector("[data-start][data-end]");
+const begin = whole ? Number(whole.dataset.start) : 0, end = whole ? Number(whole.dataset.end) : 0;
+let first = begin, last = end;
+
+function round_steps(low, top, most) {
+  const rough = (top - low) / Math.max(2, Math.min(8, most));
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough * 0.999999);
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= top + step * 1e-9; k++) found.push(k * step);
+  return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
+}
+
+function label(text, name, side, at) {
+  const made = document.createElement("span");
+  if (name) made.className = name;
+  made.textContent = text;
+  made.style[side] = `${100 * at}%`;
+  return made;
+}
+
+/* An axis and how to label it for what is shown. */
+function relabelled(axis) {
+  const original = [...axis.children];
+  return () => {
+    if (first === begin && last === end) return axis.replaceChildren(...original);
+    const [times, digits] = round_steps(first, last, axis.clientWidth / 80);
+    axis.replaceChildren(...times.map((t) => label(`${t.toFixed(digits)} s`, "", "left", (t - first) / (last - first))));
+  };
+}
+
+function show(from, to) {
+  const least = Math.min(0.05, end - begin);
+  const length = Math.min(Math.max(to - from, least), end - begin);
+  first = Math.min(Math.max(from, begin), end - length);
+  last = first + length;
+  const main = document.querySelector("main");
+  main.style.setProperty("--from", (100 * (first - begin)) / (end - begin));
+  main.style.setProperty("--len", (100 * length) / (end - begin));
+  main.classList.toggle("zoomed", first !== begin || last !== end);
+  for (const draw of drawings) draw();
+}
+
+for (const axis of document.querySelectorAll(".chart .axis, .lanes .axis")) drawings.push(relabelled(axis));
+
 for (const chart of document.querySelectorAll(".chart")) {
   const plot = chart.querySelector(".plot");
   const svg = plot.querySelector("svg");
-  const axis = chart.querySelector(".axis");
   const tools = chart.parentElement.querySelector(".tools");
-  const begin = Number(chart.dataset.start), end = Number(chart.dataset.end);
   const peak = Number(chart.dataset.top), high = Number(chart.dataset.height), unit = chart.dataset.unit;
   const scale = svg.viewBox.baseVal.height / high;
   const levels = chart.querySelector(".levels");
-  const whole = [...axis.children], wholeLevels = [...levels.children];
+  const wholeLevels = [...levels.children];
   /* The samples of both lines: s from the start, and units below the peak. */
   const points = [];
   for (const line of svg.querySelectorAll(".line")) {
@@ -20,17 +64,6 @@ for (const chart of document.querySelectorAll(".chart")) {
       points.push([x / 1000, y / scale]);
     }
   }
-  let first = begin, last = end;
-
-  function steps(low, top, most) {
-    const rough = (top - low) / Math.max(2, Math.min(8, most));
-    const power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough * 0.999999);
-    const found = [];
-    for (let k = Math.ceil(low / step - 1e-9); k * step <= top + step * 1e-9; k++) found.push(k * step);
-    return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
-  }
-
   /* The part of the height that what is shown needs, with some room; the whole where all is shown. */
   function heights() {
     if (first === begin && last === end) return [0, high];
@@ -45,19 +78,8 @@ for (const chart of document.querySelectorAll(".chart")) {
     return [Math.max(least - room, 0), Math.min(most + room, high)];
   }
 
-  function label(text, name, side, at) {
-    const made = document.createElement("span");
-    if (name) made.className = name;
-    made.textContent = text;
-    made.style[side] = `${100 * at}%`;
-    return made;
-  }
-
-  function show(from, to) {
-    const least = Math.min(0.05, end - begin);
-    const length = Math.min(Math.max(to - from, least), end - begin);
-    first = Math.min(Math.max(from, begin), end - length);
-    last = first + length;
+  drawings.push(() => {
+    const length = last - first;
     const [upper, lower] = heights();
     svg.setAttribute("viewBox",
       [(first - begin) * 1000, upper * scale, length * 1000, (lower - upper) * scale].join(" "));
@@ -70,13 +92,9 @@ for (const chart of document.querySelectorAll(".chart")) {
       mark.hidden = at < 0 || at > 1;
     }
     if (first === begin && last === end) {
-      axis.replaceChildren(...whole);
       levels.replaceChildren(...wholeLevels);
     } else {
-      const [times, digits] = steps(first, last, plot.clientWidth / 80);
-      axis.replaceChildren(...times.map((t) =>
-        label(`${t.toFixed(digits)} s`, "", "left", (t - first) / length)));
-      const [values, places] = steps(peak - lower, peak - upper, 5);
+      const [values, places] = round_steps(peak - lower, peak - upper, 5);
       levels.replaceChildren(...values.flatMap((value) => {
         const at = (peak - value - upper) / (lower - upper);
         const text = `${value.toFixed(places)} ${unit}`.replace("-", "\u2212");
@@ -85,7 +103,7 @@ for (const chart of document.querySelectorAll(".chart")) {
     }
     const note = tools.querySelector("[role=status]");
     note.textContent = first === begin && last === end ? "" : `${first.toFixed(2)} s to ${last.toFixed(2)} s`;
-  }
+  });
 
   function scaled(factor, around = (first + last) / 2) {
     show(around - (around - first) * factor, around + (last - around) * factor);
@@ -140,6 +158,8 @@ for (const chart of document.querySelectorAll(".chart")) {
     band.remove();
     if (event.type === "pointerup" && Math.abs(now - from) > (last - first) / 100) {
       show(Math.min(from, now), Math.max(from, now));
+    } else if (event.type === "pointerup") {
+      document.dispatchEvent(new CustomEvent("seek", { detail: now }));
     }
   };
   plot.addEventListener("pointerup", released);
