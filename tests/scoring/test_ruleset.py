@@ -385,11 +385,6 @@ def test_a_parameter_that_is_no_finite_number_is_refused_with_its_line(
     assert error.value.place == "line 6, $.parameters.weight"
 
 
-def test_a_sweep_over_what_is_no_finite_number_is_refused() -> None:
-    with pytest.raises(RuleSetError, match="'separation_weight' is nan, which is no finite number"):
-        load_rule_set("paper2020").with_parameters(separation_weight=float("nan"))
-
-
 @pytest.mark.parametrize(
     ("name", "hint"),
     [("paper202", "did you mean 'paper2020'?"), ("", "installed rule sets"), ("x y", "a path to")],
