@@ -114,7 +114,9 @@ def named_parameters(stated: Mapping[str, Any]) -> dict[str, NamedParameter]:
 
 def _named(body: Any, group: Mapping[str, Any]) -> NamedParameter:
     own: Mapping[str, Any] = body if isinstance(body, Mapping) else {"value": body}
-    return NamedParameter(own["value"], own.get("unit", group.get("unit", "1")), own.get("meaning", ""))
+    return NamedParameter(
+        own["value"], own.get("unit", group.get("unit", "1")), own.get("meaning", group.get("meaning", ""))
+    )
 
 
 def groups_of(parameters: Mapping[str, NamedParameter]) -> dict[str, dict[str, Number]]:

@@ -67,8 +67,8 @@ def changed(folder: Path, old: str, new: str) -> RuleSet:
 
 def test_each_parameter_has_its_value_unit_and_meaning_under_the_name_formulas_use(folder: Path) -> None:
     assert dict(load_rule_set(folder / "cup.yaml").parameters) == {
-        "points.right_type": (2, "points", ""),
-        "points.right_color": (0.5, "credits", ""),
+        "points.right_type": (2, "points", "what a part earns"),
+        "points.right_color": (0.5, "credits", "what a part earns"),
         "near": (0.03, "m", "how far a part may lie off"),
         "turn": (0.1, "rad", ""),
         "price": (0.4, "1", ""),
@@ -119,8 +119,8 @@ def test_a_result_holds_the_names_and_units_and_is_priced_again_from_them(folder
 def test_an_extension_changes_one_number_and_the_rest_stays(folder: Path) -> None:
     rules = mine(folder, "parameters: {points: {right_color: 3}, near: 0.05}\n")
 
-    assert rules.parameters["points.right_color"] == (3, "credits", "")
-    assert rules.parameters["points.right_type"] == (2, "points", "")
+    assert rules.parameters["points.right_color"] == (3, "credits", "what a part earns")
+    assert rules.parameters["points.right_type"] == (2, "points", "what a part earns")
     assert rules.parameters["near"] == (0.05, "m", "how far a part may lie off")
     assert rules.checks["part_pose"].parameters["max_distance_m"] == 0.05
 
