@@ -92,6 +92,7 @@ class RunConduct:
         breaches: The violations, at most `MOST_BREACHES`, those of safety first, dear ones first.
         left_out: How many violations are not listed.
         gains: By how much the score would have been higher had one check found nothing wrong.
+        priced: Whether the score depends on a check of safety.
     """
 
     parts: TaskAndSafety | None
@@ -101,6 +102,7 @@ class RunConduct:
     left_out: int
     gains: Mapping[str, Decimal]
     undecided: Mapping[str, int] = field(default_factory=dict)
+    priced: bool = True
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,7 @@ def conduct_of_run(result: Result) -> RunConduct:
         max(0, len(breaches) - MOST_BREACHES),
         gains_by_check(result, rules),
         undecided,
+        not monitors.isdisjoint(rules.sheet.priced),
     )
 
 
@@ -257,7 +260,7 @@ def _of_team(
         violated,
         dict(sorted(gains.items(), key=lambda one: -one[1])),
         undecided,
-        any(one.parts is None or one.parts.has_safety for one in known.values()),
+        any(one.priced for one in known.values()),
     )
 
 
