@@ -84,6 +84,15 @@ def test_numbers_are_told_apart_by_what_more_of_them_does_to_a_score(edition: Ru
     assert not earned & costs
 
 
+def test_a_price_that_no_made_trial_meets_is_not_lost() -> None:
+    book = rulebook("ariac2025.as_coded")
+
+    met = [row[0] for row in grid(book, "What earns points", "What it is worth").rows]
+    unmet = [row[:2] for row in grid(book, "What earns points", "no made trial meets").rows]
+    assert "Kits weight" in met
+    assert ("Time weight", "1000 points") in unmet
+
+
 def test_a_mistake_costs_what_the_official_page_says(edition: Rulebook) -> None:
     # Three parts: 9, tray 1, bonus 3. A wrong colour: one point and the bonus. The wrong tray: two points.
     rows = grid(edition, "What costs points", "“kitting”").rows

@@ -122,10 +122,11 @@ def code(text: object) -> str:
 def figure(value: Number, digits: int = 6) -> str:
     """A number with so many digits, without zeros at the end.
 
-    >>> figure(12.0), figure(0.40000000001), figure(8200)
-    ('12', '0.4', '8200')
+    >>> figure(12.0), figure(0.40000000001), figure(18995.83, 4)
+    ('12', '0.4', '18996')
     """
-    text = f"{value:.{digits}g}" if abs(value) < 1e6 else f"{value:.0f}"
+    # Whole points are shown whole, however few digits are wanted: no exponents.
+    text = f"{value:.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"
     return text.replace("-", "\N{MINUS SIGN}") if float(text) else "0"
 
 

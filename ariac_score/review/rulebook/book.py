@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ariac_score.checks.contracts import Monitor
+from ariac_score.checks.findings import POINTS
 from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
@@ -50,6 +51,9 @@ CASES = 40
 _LENGTHS_S = (0, 0.1, 1, 2, 3, 5, 7, 10, 15, 20, 25, 30)
 _TIMES = (0, 1, 2, 3, 4, 5, 6)
 _LONG_S = 10
+_LITTLE = 0.2
+"""An example that leaves less of what the work is worth shows nothing."""
+
 _DIFF = "DIFF"
 _UNSEEN = {
     "withhold": "There is no score until it is known.",
@@ -157,7 +161,7 @@ class _Book:
             said.append(f"It is made from the inside out: {chain}, the {trial}.")
         digits = "a whole number" if rules.digits == 0 else f"{rules.digits} decimal digits"
         said.append(f"It is rounded to {digits}.")
-        said.append(f"{_capital(quoted('such words'))} are names, explained below.")
+        said.append(f"{quoted('Such words')} are names, explained below.")
         return Section("In short", (Bullets(tuple(said)),))
 
     # What earns points -----------------------------------------------------------------
@@ -165,7 +169,17 @@ class _Book:
     def earned(self) -> Section:
         tables = [self._table(table) for table in self._tables()]
         prices = self._named("What it is worth", 1)
-        return Section("What earns points", (*tables, *prices))
+        others = self._grid_of("More numbers in points, which no made trial meets", self._unmet)
+        return Section("What earns points", (*tables, *prices, *others))
+
+    @cached_property
+    def _unmet(self) -> list[str]:
+        """The prices that no made trial shows the direction of."""
+        return [
+            name
+            for name, one in self.rules.parameters.items()
+            if one.unit == POINTS and not self.directions[name]
+        ]
 
     def _tables(self) -> list[Table]:
         used = {formula.where for formula in self.rules.sheet.reached(self.rules.sheet.score)}
@@ -191,20 +205,16 @@ class _Book:
         return self.speaker.says(parsed) if value is None else figure(value)
 
     def _named(self, caption: str, direction: int) -> Iterator[Grid]:
-        rows = tuple(
-            (_capital(in_words(name)), with_unit(one.value, one.unit), one.meaning, _group(name))
-            for name, one in self.rules.parameters.items()
-            if self.directions[name] == direction
-        )
+        return self._grid_of(caption, [name for name, way in self.directions.items() if way == direction])
+
+    def _grid_of(self, caption: str, names: Sequence[str]) -> Iterator[Grid]:
+        """Named numbers as a table, if there are any; their groups only where there are some."""
+        named = [(name, self.rules.parameters[name]) for name in names]
+        rows = [(_capital(in_words(n)), with_unit(o.value, o.unit), o.meaning, _group(n)) for n, o in named]
+        width = 4 if any(group for *_, group in rows) else 3
+        head = ("", "number", "meaning", "of")[:width]
         if rows:
-            head = ("", "number", "meaning", "of")
-            grouped = any(row[3] for row in rows)
-            yield Grid(
-                caption,
-                head if grouped else head[:3],
-                rows if grouped else tuple(row[:3] for row in rows),
-                frozenset({1}),
-            )
+            yield Grid(caption, head, tuple(row[:width] for row in rows), frozenset({1}))
 
     # What costs points -----------------------------------------------------------------
 
@@ -337,7 +347,7 @@ class _Book:
         for check, case in self.made.mistakes(kind):
             score = self.made.score(case)
             counted = any(function == "count" for _, function in self.made.world.uses[check])
-            if score is not None and score < whole and not counted:
+            if score is not None and _LITTLE * whole < score < whole and not counted:
                 found.append((whole - score, check, case))
         if not found:
             return perfect, []
@@ -400,7 +410,11 @@ class _Book:
         return f"{quoted(name)} ({said})" if said else quoted(name)
 
     def tolerances(self) -> Section:
-        neither = {name: one for name, one in self.rules.parameters.items() if not self.directions[name]}
+        neither = {
+            name: one
+            for name, one in self.rules.parameters.items()
+            if not self.directions[name] and name not in self._unmet
+        }
         used_by = {
             name: [c.name for c in self.rules.checks.values() if name in c.named.values()] for name in neither
         }

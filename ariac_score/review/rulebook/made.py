@@ -220,7 +220,11 @@ def _said(traced: Traced, *, inside: bool = True) -> str:
         first = children[0]
         # From left to right, so that sums of sums and products of products need no brackets.
         tight = first.kind == "op" and (first.op == traced.op or {first.op, traced.op} <= {"+", "-"})
-        left, right = _said(first, inside=not tight), _said(children[1])
+        if traced.op in ("+", "-"):
+            left, right = (_said(child, inside=child.op not in ("*", "/")) for child in children)
+            left = _said(first, inside=False) if tight else left
+        else:
+            left, right = _said(first, inside=not tight), _said(children[1])
         return _bracketed(f"{left} {_SIGNS[traced.op]} {right}", inside)
     if traced.kind == "op" and traced.op in ("min", "max"):
         of = ", ".join(_said(child, inside=False) for child in children)
