@@ -15,6 +15,7 @@
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
+    │   ├── OtherUnitError          6  a number of an event is in another unit than a check asks for
     │   └── MissingSignalError      6  a check needs a signal that the log does not contain
     ├── ResultError                 6  a stored result is damaged or does not add up
     └── BatchError                  7  a batch could not be finished; what it has done is kept
@@ -38,6 +39,7 @@ __all__ = [
     "MissingSignalError",
     "NeedsCohortError",
     "NothingToScoreError",
+    "OtherUnitError",
     "PluginConflictError",
     "PluginError",
     "PluginNotFoundError",
@@ -184,6 +186,10 @@ class RunEndedError(NothingToScoreError):
     ) -> None:
         self.outcome = outcome
         super().__init__(cause, file=file, place=place, hint=hint)
+
+
+class OtherUnitError(LogError):
+    """A log states a number of an event in another unit than a check asks for."""
 
 
 class MissingSignalError(LogError):

@@ -92,7 +92,12 @@ def _code_of(command: str) -> int:
     return int(announced[1]) if announced else 0
 
 
-@pytest.mark.parametrize("door", DOORS)
+SLOW = {"organiser"}  # it draws a page for every run
+
+
+@pytest.mark.parametrize(
+    "door", [pytest.param(door, marks=[pytest.mark.slow] if door in SLOW else []) for door in DOORS]
+)
 def test_every_command_of_a_tutorial_does_what_its_page_shows(
     door: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

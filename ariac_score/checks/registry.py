@@ -381,7 +381,8 @@ class Registry:
         if self.local is None:
             raise LocalPluginError(
                 f"{name!r} is code in a file, and the caller does not allow that",
-                hint="--local-plugins allows files beside your own rule set, where a command has it; a "
+                hint="--local-plugins allows files beside your own rule set, where a command has it, "
+                "local_plugins=True in Python; a "
                 "competition names file and SHA-256 under 'local_plugins:' in competition.yaml; all others "
                 "install plugins",
             )

@@ -16,19 +16,21 @@ from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import counted
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import plugins_of_log_map
-from ariac_score.errors import ScoreError
+from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.spec import ranking_spec
-from ariac_score.report.rulebook import rulebook_markdown
+from ariac_score.report.html.rulebook import rulebook_page
+from ariac_score.report.rulebook import rulebook_markdown, rulebook_text
 from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.laws.words import outcome_lines
-from ariac_score.review.rulebook import rulebook
+from ariac_score.review.rulebook.book import rulebook
 from ariac_score.scoring.extending import GROUP as RULE_SETS
+from ariac_score.scoring.extending import path_of_rule_set
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import differences, expanded_yaml, load_rule_set, rule_set_names
-from ariac_score.terminal.output import write
-from ariac_score.terminal.style import plain
+from ariac_score.terminal.output import refuse_inputs, write
+from ariac_score.terminal.style import plain, style_for
 
 
 def register(commands: Any) -> None:
@@ -43,6 +45,13 @@ def register(commands: Any) -> None:
     form.add_argument("--expanded", action="store_true", help="merge in everything it extends")
     form.add_argument(
         "--as", choices=["rulebook"], dest="form", help="a rulebook for referees, made from the rule set"
+    )
+    show.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help="where a rulebook goes: a page (.html) or Markdown (.md)",
     )
     show.set_defaults(run=run_show)
     diff = add_action(actions, "diff", "show the differences between two rule sets")
@@ -108,12 +117,27 @@ def run_list(_arguments: argparse.Namespace) -> int:
 
 def run_show(arguments: argparse.Namespace) -> int:
     """Print the text of the rule set, comments included; or merged with what it extends."""
-    rule_set = load_rule_set(arguments.name)
     if arguments.form == "rulebook":
-        write(rulebook_markdown(rulebook(rule_set, Registry())), None)
-        return 0
+        return _show_rulebook(arguments)
+    if arguments.output is not None:
+        raise UsageError("-o is for rulebooks", hint="add --as rulebook, or redirect what is printed")
+    rule_set = load_rule_set(arguments.name)
     text = expanded_yaml(rule_set) if arguments.expanded else Path(rule_set.file).read_text(encoding="utf-8")
     sys.stdout.write(text)
+    return 0
+
+
+def _show_rulebook(arguments: argparse.Namespace) -> int:
+    """Print the rulebook, or write it as a page or as Markdown."""
+    forms = {".html": rulebook_page, ".htm": rulebook_page, ".md": rulebook_markdown}
+    output: Path | None = arguments.output
+    if output is None or str(output) == "-":
+        write(rulebook_text(rulebook(arguments.name), style_for(sys.stdout)), output)
+        return 0
+    if output.suffix not in forms:
+        raise UsageError("a rulebook is a page or Markdown", file=output, hint="name a file .html or .md")
+    refuse_inputs(output, path_of_rule_set(arguments.name, Path(), Registry()))
+    write(forms[output.suffix](rulebook(arguments.name)), output)
     return 0
 
 

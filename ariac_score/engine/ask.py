@@ -16,7 +16,7 @@ from ariac_score.checks.measures import Measure
 from ariac_score.checks.registry import Plugin
 from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
-from ariac_score.errors import MissingSignalError, PluginError
+from ariac_score.errors import LogError, MissingSignalError, OtherUnitError, PluginError
 from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.scoring.scope import is_inside
 from ariac_score.trial.chart import Chart
@@ -72,6 +72,7 @@ def ask(
         words: Of the competition, for what the engine itself finds.
 
     Raises:
+        LogError: A number of an event is in another unit than the check asks for.
         PluginError: The plugin raised, yielded nothing or something else, gave a finding that breaks the
             contract (see `checks.finding_contract`), or changed the trial.
     """
@@ -95,6 +96,10 @@ def ask(
                     raise broken(plugin, f"gives more than {MOST_FINDINGS:,} findings", of=name)
     except MissingSignalError as missing:
         findings.append(Finding.inconclusive(missing.name, fault_of(missing).text, span=trial.window))
+    except OtherUnitError as other:  # what the log states is not the plugin's fault
+        raise LogError(
+            f"check {name!r}: {other.cause}", file=trial.id, place=other.place, hint=other.hint
+        ) from other
     except PluginError:
         raise
     except Exception as cause:

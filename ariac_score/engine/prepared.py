@@ -17,7 +17,7 @@ from ariac_score.checks.origins import is_foreign, origins
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
-from ariac_score.errors import PluginError, RuleSetError, ScoreError, did_you_mean
+from ariac_score.errors import LogMapError, PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.extending import GROUP as RULE_SETS
@@ -196,6 +196,25 @@ class Prepared:
             error.file = error.file or self.rule_set.file
             raise
 
+    def refuse_other_levels(self) -> None:
+        """Refuse a rule about items of a level that the rule set does not have: it would never be asked.
+
+        Raises:
+            RuleSetError: Naming the check, its plugin and the level.
+        """
+        levels = self.rule_set.sheet.levels
+        for name, each in self.checks.items():
+            level = getattr(each.check, "level", "")
+            if level and each.plugin.group == "ariac_score.rules" and level not in levels:
+                raise RuleSetError(
+                    f"check {name!r}: plugin {each.plugin.origin} judges items of level {level!r}, "
+                    "which is not declared",
+                    file=self.rule_set.file,
+                    place=self.rule_set.checks[name].place.get("use", name),
+                    hint=f"{did_you_mean(level, levels, what='declared levels')}; levels are declared by "
+                    "'levels:' of the rule set, or by its competition",
+                )
+
     def refuse_other_units(self) -> None:
         """Refuse a monitor that reads a quantity in another unit than it is measured in.
 
@@ -253,6 +272,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
         checks[name] = PreparedCheck(name, plugin, check, tuple(needs_of(plugin, name, check)))
     competition = _competition(rule_set, registry)
     prepared = Prepared(rule_set, log_map_of(rule_set, log_map, registry), registry, checks, competition)
+    prepared.refuse_other_levels()
     prepared.refuse_other_units()  # before a log is read, which may take minutes
     prepared.refuse_unmeasured()
     return replace(
@@ -287,4 +307,9 @@ def log_map_of(rule_set: RuleSet, instead: str = "", registry: Registry | None =
     Raises:
         LogMapError: There is no such log map, or it is malformed.
     """
-    return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent, registry=registry)
+    try:
+        return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent, registry=registry)
+    except LogMapError as error:
+        if not instead and not error.file:
+            error.file, error.place = rule_set.file, "$.log_map"
+        raise

@@ -6,7 +6,7 @@ Of a run all follows from its result; of a team from its runs, weighted as the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
@@ -88,9 +88,11 @@ class RunConduct:
         parts: Its score by task and safety; `None` where it cannot be split.
         approach: Its worst approach; `None` where no monitor demands a distance, or none was seen.
         violated: How many violations of safety there are, by clause.
+        undecided: How many findings of safety could not be decided, by standard.
         breaches: The violations, at most `MOST_BREACHES`, those of safety first, dear ones first.
         left_out: How many violations are not listed.
         gains: By how much the score would have been higher had one check found nothing wrong.
+        priced: Whether the score depends on a check of safety.
     """
 
     parts: TaskAndSafety | None
@@ -99,6 +101,8 @@ class RunConduct:
     breaches: tuple[Breach, ...]
     left_out: int
     gains: Mapping[str, Decimal]
+    undecided: Mapping[str, int] = field(default_factory=dict)
+    priced: bool = True
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,8 @@ class TeamConduct:
         approach: Its worst approach, and in which run.
         violated: How many violations of safety all of its runs have, by standard.
         gains: What would have helped most in the runs that count, by check, the largest first.
+        undecided: How many findings of safety could not be decided, by standard.
+        priced: Whether the score of a run depends on a check of safety.
     """
 
     task: Decimal | None
@@ -123,6 +129,8 @@ class TeamConduct:
     approach: tuple[RunKey, Approach] | None
     violated: Mapping[str, int]
     gains: Mapping[str, Decimal]
+    undecided: Mapping[str, int] = field(default_factory=dict)
+    priced: bool = True
 
 
 # A run ---------------------------------------------------------------------------------
@@ -151,6 +159,11 @@ def conduct_of_run(result: Result) -> RunConduct:
     for breach in breaches:
         if breach.watched:
             violated[breach.clause] = violated.get(breach.clause, 0) + 1
+    undecided: dict[str, int] = {}
+    for finding in result.measured.findings.values():
+        if finding.check in monitors and finding.verdict is Verdict.INCONCLUSIVE:
+            standard, _ = clause_of(finding, str(result.checks[finding.check]["use"]))
+            undecided[standard] = undecided.get(standard, 0) + 1
     return RunConduct(
         _parts(result, rules),
         _approach(result, monitors),
@@ -158,6 +171,8 @@ def conduct_of_run(result: Result) -> RunConduct:
         tuple(breaches[:MOST_BREACHES]),
         max(0, len(breaches) - MOST_BREACHES),
         gains_by_check(result, rules),
+        undecided,
+        not monitors.isdisjoint(rules.sheet.priced),
     )
 
 
@@ -221,6 +236,10 @@ def _of_team(
     for one in known.values():
         for (standard, _), count in one.violated.items():
             violated[standard] = violated.get(standard, 0) + count
+    undecided: dict[str, int] = {}
+    for one in known.values():
+        for standard, count in one.undecided.items():
+            undecided[standard] = undecided.get(standard, 0) + count
     how = publication.how
     weighing = Weighing(how.keep, how.missing_run == "zero", how.total)
     parts = {key: one.parts for key, one in known.items()}
@@ -240,6 +259,8 @@ def _of_team(
         min(worst, key=lambda one: one[1].margin_m, default=None),
         violated,
         dict(sorted(gains.items(), key=lambda one: -one[1])),
+        undecided,
+        any(one.priced for one in known.values()),
     )
 
 

@@ -930,7 +930,7 @@ def _is_call_of(call: ast.Call, function: str) -> bool:
 def _declared_otherwise(dotted: str, scope: Scope, value: object, wanted: str) -> FormulaError:
     return FormulaError(
         f"{dotted} of {scope.path or 'the trial'} is {value!r}, but declared as {wanted}",
-        hint="correct its declaration under 'facts:', or the competition or reader that states it",
+        hint="correct its declaration under 'facts:', or the log, competition or reader that states it",
     )
 
 

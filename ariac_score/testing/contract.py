@@ -25,7 +25,7 @@ from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
-from ariac_score.errors import PluginError
+from ariac_score.errors import LogError, PluginError
 from ariac_score.installed.captured_output import fault_of
 from ariac_score.monitors.subjects import Subjects
 from ariac_score.testing.contract_check import (
@@ -176,6 +176,8 @@ class _Checked:
                     trial,
                     notice=lambda _origin, fault: self.printed.append(fault),
                 )
+        except LogError as wrong:
+            raise self.broken(f"cannot take the trial it is tried with: {wrong.cause}") from wrong
         except OutOfTime:
             raise self.broken(
                 f"ran longer than its budget of {watch.limit_s:g} s of processor time "

@@ -137,6 +137,15 @@ def _files_named(data: Any) -> Iterator[str]:
             yield name.strip()
 
 
+def _rule_sets(documents: Mapping[Path, YamlDocument]) -> Iterator[Path]:
+    """The rule set and those that it extends; what else it names, such as a log map, is found by path."""
+    file: Path | None = next(iter(documents))
+    while file is not None:
+        yield file
+        base = documents[file].data.get("extends", "")
+        file = _beside(file, base) if base.endswith((".yaml", ".yml")) else None
+
+
 def _beside(file: Path, name: str) -> Path:
     path = file.parent / name
     if path.resolve().parent != file.parent.resolve() or not path.is_file():
@@ -216,8 +225,7 @@ def _facts(
     points: dict[str, list[str]] = {}
     for one in classes:
         points.setdefault(one.section, []).append(f'"{one.name}" = "{one.module}:{one.cls}"')
-    named = [file for file, document in documents.items() if "source" in (document.data or {})]
-    for file in named:
+    for file in _rule_sets(documents):
         rules_id = documents[file].data["id"]
         if not re.fullmatch(r"\w+", file.stem):
             raise UsageError(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ariac_score.errors import LogError
+from ariac_score.errors import OtherUnitError
 
 __all__ = [
     "ARM_COLLISION",
@@ -80,14 +80,16 @@ class Event:
         """A number of the event; `None` where it has none of that name.
 
         Raises:
-            LogError: It is there in another unit.
+            OtherUnitError: It is there in another unit. A check lets it through: the log is at fault.
         """
         for number in self.numbers:
             if number.name == name:
                 if number.unit != unit:
-                    raise LogError(
+                    raise OtherUnitError(
                         f"the number {name!r} of event {self.kind!r} is in {number.unit!r}, "
-                        f"the check asks for {unit!r}"
+                        f"the check asks for {unit!r}",
+                        place=f"{self.t_s:g} s",
+                        hint=f"record it in {unit!r}, or have the check ask for {number.unit!r}",
                     )
                 return number.value
         return None

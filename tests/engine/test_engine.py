@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from ariac_score import (
     Body,
     Event,
+    EventNumber,
     Measured,
     Result,
     RuleSet,
@@ -37,7 +38,7 @@ from ariac_score import (
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare
-from ariac_score.errors import DataFileError, LogError, PluginError
+from ariac_score.errors import DataFileError, LogError, LogMapError, PluginError, RuleSetError
 from ariac_score.installed.points import installed_points
 from ariac_score.results.result import Pinned, Provenance
 from ariac_score.review.verify import verify_result
@@ -512,6 +513,44 @@ def test_a_broken_check_stops_the_score_and_is_named_in_full(play: Played, name:
     assert "plugin odd.check (odd-rules 6.6)" in said
     assert words in said
     assert "odd-rules" in error.value.hint
+
+
+def test_a_number_in_another_unit_is_a_fault_of_the_log_and_not_of_the_check(play: Played) -> None:
+    drop = Event(5.0, "dropped", "robot", numbers=(EventNumber("height", 45.0, "cm"),))
+    body = "trial.events_of('dropped')[0].number('height', unit='m')\nyield Finding.satisfied('trial', 'x')"
+
+    with pytest.raises(LogError, match="check 'oddity': the number 'height' of event") as error:
+        play(body, trial=replace(TRIAL, events=(*TRIAL.events, drop)))
+
+    assert (error.value.file, error.value.place) == (TRIAL.id, "5 s")
+    assert "record it in 'm'" in error.value.hint
+    assert error.value.exit_code == 6
+
+
+@pytest.mark.parametrize(
+    ("level", "hint"), [("shipment", "declared levels: trial"), ("trial_", "did you mean 'trial'?")]
+)
+def test_a_rule_about_a_level_that_is_not_declared_is_refused(play: Played, level: str, hint: str) -> None:
+    with pytest.raises(RuleSetError, match=f"of level '{level}', which is not declared") as error:
+        play("yield Finding.violated('trial', 'x')", group="rules", holds=f"level = {level!r}")
+
+    assert "$.rules.oddity.use" in error.value.place
+    assert hint in error.value.hint
+
+
+def test_a_rule_about_a_level_that_is_declared_is_asked(play: Played) -> None:
+    # The trial has no items of that level: nothing is violated, so it holds.
+    assert play("yield Finding.violated('trial', 'x')", group="rules", holds="level = 'trial'").score == 1
+
+
+def test_a_log_map_that_is_not_installed_is_said_of_the_rule_set_that_names_it(tmp_path: Path) -> None:
+    file = tmp_path / "mapless.yaml"
+    file.write_text("{id: mapless, title: t, source: s, log_map: nowhere, score: 1}", encoding="utf-8")
+
+    with pytest.raises(LogMapError, match="there is no log map 'nowhere'") as error:
+        prepare(str(file))
+
+    assert (error.value.file, error.value.place) == (str(file), "$.log_map")
 
 
 def test_what_a_plugin_prints_is_kept_out_of_the_result_and_its_name_said(

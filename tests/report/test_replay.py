@@ -245,3 +245,15 @@ def test_hostile_names_stand_as_text_in_the_replay() -> None:
     assert not [name for _, names in tags for name in names if name.startswith("on") or name == "src"]
     assert not set("\u202e\u202c\x1b") & set(replayed)
     assert "rob&lt;b&gt;ot and hum" in replayed
+
+
+def test_the_margin_of_an_upper_limit_is_what_is_left_below_it(routes: Result) -> None:
+    sketch = routes.measured.sketch
+    assert sketch is not None
+    curve = replace(sketch.curves[0], at_most=True, t_s=(1.0, 2.0), actual=(3.0, 5.0), limit=(4.0, 4.0))
+    replay = replay_of(with_measured(routes, sketch=replace(sketch, curves=(curve,))), axis_of(routes))
+
+    assert replay is not None
+    assert replay.margin is not None
+    assert (replay.margin.least, replay.margin.least_s) == (-1.0, 2.0)
+    assert replay.zones == ()  # an upper limit is no distance to keep

@@ -96,6 +96,34 @@ def test_the_ring_reaches_the_human_just_where_the_violation_begins(open_page: A
     assert look == "zone broken"
 
 
+def test_the_ring_counts_from_the_surfaces_where_the_check_does(
+    open_page: Any, result: Result, tmp_path: Path
+) -> None:
+    # The same trial, judged between surfaces that are 0.8 m nearer than the centres.
+    sketch = result.measured.sketch
+    assert sketch is not None
+    curves = tuple(
+        replace(
+            curve,
+            actual=tuple(value - 0.8 for value in curve.actual),
+            limit=tuple(None if value is None else value - 0.8 for value in curve.limit),
+        )
+        for curve in sketch.curves
+    )
+    measured = replace(result.measured, sketch=replace(sketch, curves=curves))
+    page = open_page(PAGES.write_page(tmp_path, replace(result, measured=measured))).page
+
+    seek(page, 18.805)  # the violation begins at 18.81 s
+    radius = page.evaluate("document.querySelector('circle.zone').r.baseVal.value")
+    apart = page.evaluate(
+        """() => { const at = (i) => document.querySelector(`[data-route="${i}"]`).style;
+        const box = document.querySelector('.plan .box').dataset;
+        return Math.hypot((parseFloat(at(0).left) - parseFloat(at(1).left)) / 100 * Number(box.width),
+                          (parseFloat(at(0).top) - parseFloat(at(1).top)) / 100 * Number(box.height)); }"""
+    )
+    assert radius == pytest.approx(apart, abs=0.02)
+
+
 def test_orders_are_announced_and_delivered_as_time_goes_on(open_page: Any, file: Path) -> None:
     page = open_page(file).page
 

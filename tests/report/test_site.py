@@ -120,6 +120,7 @@ def test_the_page_shows_what_the_ranking_says(site: Path) -> None:
         assert team in text
     assert "151.59789795" in text
     assert "3 trials are few" in text
+    assert "The rules price no check of safety, so these scores say nothing about it." in text
     assert "Violations by standard and clause" in text
     assert "No previous publication was given" in text
     assert "Not examined: this publication does not say whether" in text

@@ -148,7 +148,8 @@ def test_a_competition_without_a_human_has_sensible_pages(
     board = page.eval_on_selector_all(
         "table.board tbody tr", "rows => rows.map(r => [...r.cells].slice(0, 3).map(c => c.innerText.trim()))"
     )
-    ranked, tied = [["1", "alpha", "28"], ["2", "beta", "7"]], [["1=", "alpha", "0"], ["1=", "beta", "0"]]
+    ranked = [["1", "alpha", "28.00"], ["2", "beta", "7.00"]]
+    tied = [["1=", "alpha", "0.00"], ["1=", "beta", "0.00"]]
     assert board == (ranked if witnessed else tied)
     trial = open_page(tmp_path / "site/trials/alpha/cell-1.html").page
     assert trial.locator("#separation svg").count() == 0

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from ariac_score import Finding, Result, Span, Verdict, score_trial
+from ariac_score import Finding, Measure, Result, Span, Verdict, score_trial
 from ariac_score.report import summary
 from ariac_score.report.figures import count_in_words, rounded_points, said
 from ariac_score.report.html.parts import parts_of
@@ -306,3 +306,12 @@ def test_a_result_without_a_sketch_is_told_without_deliveries(example: Result) -
 
     assert told[0] == "Two orders, one wrong color and one wrong pose."
     assert "too close for 2.40 s" in told[1]
+
+
+def test_a_rule_whose_quantities_can_only_take_is_about_safety(example: Result) -> None:
+    rules = rule_set_from_text(example.rules, file="rules")
+    takes = {"right_agv": {"off_road": Measure("1", "penalty"), "slow": Measure("1", "factor")}}
+    earns = {"right_agv": {"off_road": Measure("1", "penalty"), "driven": Measure("points", "points")}}
+
+    assert "right_agv" in safety_checks(rules, with_measured(example, measures=takes).measured)
+    assert "right_agv" not in safety_checks(rules, with_measured(example, measures=earns).measured)

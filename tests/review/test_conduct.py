@@ -56,6 +56,14 @@ def test_violations_of_safety_come_first_and_are_counted_by_clause(near_miss: Re
     }  # fmt: skip
 
 
+def test_what_nobody_could_decide_is_no_calm(near_miss: Result) -> None:
+    findings = dict(near_miss.findings)
+    findings["separation#1"] = replace(findings["separation#1"], verdict=Verdict.INCONCLUSIVE)
+    found = conduct_of_run(replace(near_miss, measured=replace(near_miss.measured, findings=findings)))
+
+    assert (dict(found.violated), dict(found.undecided)) == ({}, {"ISO/TS 15066:2016": 1})
+
+
 def test_what_would_have_helped_is_the_score_without_that_check(near_miss: Result) -> None:
     # Without its breach the example is worth its task, 28.
     assert conduct_of_run(near_miss).gains["separation"] == 28 - near_miss.score

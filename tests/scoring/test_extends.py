@@ -212,3 +212,33 @@ def test_a_result_that_was_withheld_can_be_priced_under_a_rule_set_with_a_policy
     assert (withheld.score, again.score) == (None, Decimal(28))
     assert {a.policy for a in again.assumptions} == {"exclude"}
     assert json.loads(as_json(again))["status"] == "scored"
+
+
+def test_diff_names_what_needs_the_logs_and_scores_them(
+    stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Five metres less to keep: the robot was never too near, and 28 points are left.
+    near = (
+        "monitors: {separation: {use: iso_ts_15066.ssm_separation,"
+        " with: {profile: seed, t1_s: 0.1, t2_s: 0.1, stopping_distance_m: 0.0, delta_m: 0.1}}}\n"
+    )
+    mine = _file(tmp_path, HEAD + near)
+
+    assert main(["rules", "diff", "paper2020", mine, "--results", str(stored.parent)]) == 0
+    *_, needs, remedy = capsys.readouterr().out.splitlines()
+    assert needs == "example.json: needs its log: separation of mine (other parameters)"
+    assert remedy == "score them under both: --logs PATH instead of --results"
+
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/run.mcap").symlink_to(EXAMPLE)
+    (tmp_path / "logs/notes.txt").write_text("no log")
+    for logs in (EXAMPLE, tmp_path / "logs/run.mcap", tmp_path / "logs"):
+        assert main(["rules", "diff", "paper2020", mine, "--logs", str(logs)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1].endswith(".mcap: 19.761677 -> 28")
+
+
+def test_diff_over_logs_that_are_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rules", "diff", "paper2020", "paper2020", "--logs", str(tmp_path / "none")]) == 5
+    assert "no such file" in capsys.readouterr().err
+    with pytest.raises(SystemExit):  # which of both would count?
+        main(["rules", "diff", "paper2020", "paper2020", "--logs", str(EXAMPLE), "--results", str(tmp_path)])

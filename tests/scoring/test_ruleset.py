@@ -13,7 +13,6 @@ from ariac_score.errors import FormulaError, PluginNotFoundError, RuleSetError, 
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text, rule_set_names
-from ariac_score.scoring.scope import Scope
 
 REGISTRY = Registry()
 SOUND = """\
@@ -373,16 +372,17 @@ def test_a_plugin_that_is_not_there_is_told_with_its_place(
     assert repr(new) in error.cause
 
 
-def test_a_parameter_that_is_no_number_is_refused_when_a_formula_uses_it(written: Path) -> None:
+@pytest.mark.parametrize(("written_as", "said"), [(".nan", "nan"), (".inf", "inf"), ("-.inf", "-inf")])
+def test_a_parameter_that_is_no_finite_number_is_refused_with_its_line(
+    written: Path, written_as: str, said: str
+) -> None:
     # JSON Schema counts NaN as a number; a score must not.
-    path = mistaken(written, "weight: 0.4", "weight: .nan")
-    written.write_text(
-        written.read_text(encoding="utf-8").replace("score: sum", "score: weight + sum"), "utf-8"
-    )
-    sheet = load_rule_set(path).sheet
+    with pytest.raises(
+        RuleSetError, match=f"parameter 'weight' is {said}, which is no finite number"
+    ) as error:
+        load_rule_set(mistaken(written, "weight: 0.4", f"weight: {written_as}"))
 
-    with pytest.raises(FormulaError, match="too large to be a score"):
-        sheet.evaluate(Scope("trial", ""), {})
+    assert error.value.place == "line 6, $.parameters.weight"
 
 
 @pytest.mark.parametrize(

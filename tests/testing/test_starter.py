@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 from typing import Any
 
@@ -273,6 +274,19 @@ def test_growing_keeps_the_authors_code_to_the_byte_and_rule_sets_but_for_the_na
     assert f'[project.entry-points."ariac_score.monitors"]\n{monitors}' in project
     rule_sets = '"lab" = "lab:lab"\n"lab_base" = "lab:base"\n'
     assert f'[project.entry-points."ariac_score.rule_sets"]\n{rule_sets}' in project
+
+
+def test_a_log_map_beside_the_rule_set_comes_along_and_is_no_rule_set(lab: Path, tmp_path: Path) -> None:
+    # As in the example of docs/recording.md, it has the id of the rule set, and a source.
+    (lab / "lab_map.yaml").write_text("{id: lab, title: t, source: s}\n", encoding="utf-8")
+    (lab / "lab.yaml").write_text(f"{RULES}log_map: ./lab_map.yaml\n", encoding="utf-8")
+
+    grow(lab / "lab.yaml", "workshop", tmp_path)
+
+    assert (tmp_path / "workshop/lab/lab_map.yaml").is_file()
+    project = (tmp_path / "workshop/pyproject.toml").read_text(encoding="utf-8")
+    (points,) = re.findall(r'rule_sets"\]\n(.*?)\n\n', project, re.DOTALL)
+    assert points == '"lab" = "lab:lab"\n"lab_base" = "lab:base"'
 
 
 def test_grown_and_local_checks_give_the_same_score(lab: Path, tmp_path: Path, install: Any) -> None:

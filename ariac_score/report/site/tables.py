@@ -133,7 +133,7 @@ def _leaderboard(publication: Publication, conducts: Mapping[RunKey, RunConduct]
             "worst_approach_trial",
             "worst_approach_run",
         ]
-        columns += [f"violations: {standard}" for standard in standards]
+        columns += [*(f"violations: {standard}" for standard in standards), "undecided"]
     automatic = {standing.team: standing for standing in publication.ranking.standings}
     rows: list[tuple[Value, ...]] = []
     for s in publication.final.standings:
@@ -177,6 +177,7 @@ def _conduct(of: TeamConduct, standards: Sequence[str]) -> tuple[Value, ...]:
         trial,
         number,
         *(of.violated.get(standard, 0) for standard in standards),
+        sum(of.undecided.values()),
     )
 
 

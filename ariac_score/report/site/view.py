@@ -137,6 +137,11 @@ class View:
     digits: int = 2
     what_if: WhatIfView | None = None
 
+    @property
+    def priced(self) -> bool:
+        """Whether the score of any run depends on a check of safety."""
+        return any(row.conduct.priced for row in self.rows if row.conduct)
+
     most_in_pairs: ClassVar[int] = MOST_TEAMS_IN_PAIRS
 
     @property
@@ -198,6 +203,7 @@ def view_of(
     standards = Counter[str]()
     for one in teams.values():
         standards.update(one.violated)
+        standards.update(dict.fromkeys(one.undecided, 0))
     spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution]
     shown = [s.execution for s in ranking.standings]
     shown += [one.task for one in teams.values() if one.task is not None]

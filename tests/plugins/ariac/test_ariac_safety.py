@@ -206,5 +206,14 @@ def test_a_rule_set_says_whether_the_event_is_critical(critical: bool) -> None:
     assert only(NoEvent(critical=critical), happened()).critical is False
 
 
+@pytest.mark.parametrize(("kind", "clause"), [("part_dropped", "ARIAC scoring"), ("spill", "")])
+@pytest.mark.parametrize("witnessed", [(), ("part_dropped", "spill")])
+def test_only_what_ariac_asks_for_is_a_clause_of_its_rules(
+    kind: str, clause: str, witnessed: tuple[str, ...]
+) -> None:
+    assert only(NoEvent(kind=kind), happened(witnessed=witnessed)).clause == clause
+    assert only(NoEvent(kind=kind), happened(Event(3.0, kind), witnessed=witnessed)).clause == clause
+
+
 def test_it_needs_no_signal() -> None:
     assert list(NoEvent().needs()) == []
