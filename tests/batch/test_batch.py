@@ -513,7 +513,7 @@ def _own(folder: Path, name: str, *, price: int = 1, tolerance: float | None = N
     data = yaml.safe_load(expanded_yaml(load_rule_set(RULES)))
     data["score"] = f"{price} * ({data['score']})"
     if tolerance is not None:
-        data["rules"]["part_pose"]["with"]["max_distance_m"] = tolerance
+        data["parameters"]["tolerance"]["distance"]["value"] = tolerance
     return rules(folder, name, yaml.safe_dump(data, sort_keys=False))
 
 
