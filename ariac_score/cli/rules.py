@@ -53,6 +53,7 @@ def register(commands: Any) -> None:
         metavar="OUT",
         help="where a rulebook goes: a page (.html) or Markdown (.md)",
     )
+    add_local_plugins(show)
     show.set_defaults(run=run_show)
     diff = add_action(actions, "diff", "show the differences between two rule sets")
     diff.add_argument("first", metavar="A", help="rule set: a name or a .yaml file")
@@ -131,13 +132,14 @@ def _show_rulebook(arguments: argparse.Namespace) -> int:
     """Print the rulebook, or write it as a page or as Markdown."""
     forms = {".html": rulebook_page, ".htm": rulebook_page, ".md": rulebook_markdown}
     output: Path | None = arguments.output
+    registry = registry_of(arguments)
     if output is None or str(output) == "-":
-        write(rulebook_text(rulebook(arguments.name), style_for(sys.stdout)), output)
+        write(rulebook_text(rulebook(arguments.name, registry), style_for(sys.stdout)), output)
         return 0
     if output.suffix not in forms:
         raise UsageError("a rulebook is a page or Markdown", file=output, hint="name a file .html or .md")
-    refuse_inputs(output, path_of_rule_set(arguments.name, Path(), Registry()))
-    write(forms[output.suffix](rulebook(arguments.name)), output)
+    refuse_inputs(output, path_of_rule_set(arguments.name, Path(), registry))
+    write(forms[output.suffix](rulebook(arguments.name, registry)), output)
     return 0
 
 

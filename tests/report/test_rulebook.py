@@ -249,3 +249,18 @@ def test_what_cannot_be_made_is_refused_in_words(
     assert main(["rules", "show", *arguments]) == 4
     assert cause in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_code_beside_a_rule_set_runs_only_where_that_is_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ours.py").write_text("raise SystemExit('run')", encoding="utf-8")
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        "{id: ours, title: Ours, source: us, log_map: ariac2020, "
+        "monitors: {near: {use: './ours.py:Near'}}, score: 10 - count(near)}",
+        encoding="utf-8",
+    )
+
+    assert main(["rules", "show", str(rules), "--as", "rulebook"]) == 4
+    assert "the caller does not allow that" in capsys.readouterr().err
