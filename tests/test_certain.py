@@ -26,6 +26,8 @@ terms:
     whole_s: trial.duration_s
     late: 1 if whole_s > 60 else 0
     printed_s: measure(timing, duration_s)
+    # So that every number that is named is used.
+    used: min_duration_s
 score: late
 """
 FINDINGS = {

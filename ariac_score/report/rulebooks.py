@@ -44,7 +44,9 @@ def write_rulebooks(folder: Path, distribution: str = "ariac-score") -> None:
 def main() -> None:
     """Write the pages."""
     parser = argparse.ArgumentParser(prog="python -m ariac_score.report.rulebooks", description=__doc__)
-    parser.add_argument("folder", type=Path, help="such as docs/rulebooks")
+    parser.add_argument(
+        "folder", type=Path, help="where the pages are written; pages of sets that are gone are removed"
+    )
     parser.add_argument("--distribution", default="ariac-score", help="whose rule sets")
     arguments = parser.parse_args()
     write_rulebooks(arguments.folder, arguments.distribution)

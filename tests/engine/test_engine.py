@@ -924,8 +924,8 @@ def test_monitors_alone_need_no_order_in_the_log(priced: str, tmp_path: Path) ->
         "score: count(order)",
         "terms: {order: {one: 1}}, score: sum(order.one)",
         "terms: {submission: {one: 1}}, score: '1'",
-        "rules: {part: {use: kitting.presence}}, score: 1 / (1 + count(separation))",
-        "rules: {part: {use: kitting.presence}}, score: sum(order.index)",
+        "rules: {seen: {use: kitting.presence}}, score: 1 / (1 + count(separation))",
+        "rules: {seen: {use: kitting.presence}}, score: sum(order.index)",
     ],
 )
 def test_whoever_speaks_of_orders_is_refused_a_log_without_any(priced: str, tmp_path: Path) -> None:

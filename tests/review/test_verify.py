@@ -367,22 +367,19 @@ def _evidence_of_tomorrow(data: dict[str, Any]) -> None:
         (_evidence_of_tomorrow, "separation#1: its evidence 1 gives the time 86400 s, outside"),
     ],
 )
-def test_a_finding_that_cannot_be_is_found_without_the_log_even_where_its_price_follows(
-    stored: Path, tmp_path: Path, forge: Edit, words_of_it: str
+def test_a_finding_that_cannot_be_is_found_without_the_log_and_has_no_price(
+    stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], forge: Edit, words_of_it: str
 ) -> None:
     forged = edited(stored, tmp_path, forge)
-    repriced = tmp_path / "repriced.json"
-    assert (
-        main(["price", str(forged), "--rules", "paper2020", "--output-format", "json", "-o", str(repriced)])
-        == 0
-    )
 
-    found = verify_result(repriced)
+    found = verify_result(forged)
 
-    assert next(step for step in found.steps if step.name == "automatic").outcome == "ok"
     assert not found.holds
     assert words_of_it in words(found, "findings")
-    assert main(["verify", str(repriced)]) == 1
+    assert main(["verify", str(forged)]) == 1
+    capsys.readouterr()
+    assert main(["price", str(forged), "--rules", "paper2020"]) == 6
+    assert words_of_it.partition(": its ")[2] in capsys.readouterr().err
 
 
 def test_what_the_engine_measured_can_be(stored: Path) -> None:

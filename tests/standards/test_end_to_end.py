@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -135,19 +136,7 @@ def test_the_example_is_scored_with_every_monitor_and_its_score_stays(
     rules = str(examples / "all_monitors.yaml")
 
     assert main(["score", str(examples / "kitting_near_miss.mcap"), "--rules", rules, "-o", str(stored)]) == 0
-    assert stored.read_text().startswith("19.761677 of 36 possible")
-    main(
-        [
-            "score",
-            str(examples / "kitting_near_miss.mcap"),
-            "--rules",
-            rules,
-            "--output-format",
-            "json",
-            "-o",
-            str(stored),
-        ]
-    )
+    assert load_result(stored).score == Decimal("19.761677")
     measured = load_result(stored).measured
     ours, yaml = (next(iter(measured.of(name).values())) for name in ("separation", "d_min_in_yaml"))
     assert (ours.span, ours.robustness) == (yaml.span, yaml.robustness)
