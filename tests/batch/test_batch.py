@@ -838,7 +838,12 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
             "the process that scored it ended by signal 11 (SIGSEGV), 2 times in 2 times",
         ),
         (hands.leaves, "killed", "the process that scored it ended with exit code 0, 2 times in 2 times"),
-        (hands.never_ends, "timed_out", "it took longer than 10 s; raise --time-limit-s if the log is sound"),
+        pytest.param(
+            hands.never_ends,
+            "timed_out",
+            "it took longer than 10 s; raise --time-limit-s if the log is sound",
+            marks=pytest.mark.slow,  # it waits for its end
+        ),
         (hands.devours, "out_of_memory", "raise --memory-mb if the log is sound"),
         (hands.has_a_devouring_plugin, "out_of_memory", "raise --memory-mb if the log is sound"),
         (

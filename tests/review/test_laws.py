@@ -73,6 +73,7 @@ def test_it_keeps_them_whatever_undecided_means_and_for_points_that_grow(policy:
     assert set(verdicts(rule_set).values()) == {"holds"}
 
 
+@pytest.mark.slow
 def test_no_other_shipped_penalty_keeps_them_all() -> None:
     for name in penalty_names():
         assert ("broken" in verdicts(reference_rules(name)).values()) == (name != DEFAULT), name
@@ -204,6 +205,7 @@ def test_every_shipped_rule_set_can_be_checked(name: str) -> None:
     assert "untried" not in verdicts(load_rule_set(name), cases=15).values()
 
 
+@pytest.mark.slow
 def test_the_page_on_penalties_is_up_to_date() -> None:
     """Written by `penalties_page()`."""
     assert (ROOT / "docs/penalties.md").read_text(encoding="utf-8") == penalties_page()

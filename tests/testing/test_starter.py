@@ -21,7 +21,8 @@ from ariac_score_ariac.testing import kitting_trial
 ONE_FILE = ("monitor", "rule")
 
 
-@pytest.mark.parametrize("kind", ["monitor", pytest.param("rule", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["monitor", "rule"])
 def test_a_new_check_is_scored_at_once_and_grows_into_a_distribution_that_passes_its_own_tests(
     kind: str, environment: Any, tmp_path: Path
 ) -> None:

@@ -40,6 +40,7 @@ def shown_in(output: list[str], shown: list[str]) -> str:
     return ""
 
 
+@pytest.mark.slow
 def test_the_tutorial_leads_from_an_empty_folder_to_a_monitor_that_costs_points(
     environment: Any, tmp_path: Path
 ) -> None:
