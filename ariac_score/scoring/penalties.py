@@ -19,6 +19,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import shipped_data, validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import PluginNotFoundError, RuleSetError, did_you_mean
+from ariac_score.scoring.named import NamedParameter, merged_parameters, named_parameters
 
 __all__ = ["EARNED", "Penalty", "load_penalty", "penalty_names", "with_penalty"]
 
@@ -28,6 +29,7 @@ EARNED = "earned"
 
 _FINAL = "penalised_score"
 _SCALE = "safety_scale"
+_SCALE_MEANING = "turns what all violations weigh up or down"
 _CLASSES = "penalty/classes.yaml"
 
 
@@ -41,9 +43,9 @@ class Penalty:
         source: Where it comes from.
         in_words: Its formula in words.
         terms: Formulas, or templates that are written for each safety check.
-        parameters: Named numbers.
+        parameters: Named numbers, as its file states them.
         sha256: Of its file and that of the classes.
-        classes: Weight by class.
+        classes: By class what a violation weighs, and what the class is.
     """
 
     id: str
@@ -51,9 +53,9 @@ class Penalty:
     source: str
     in_words: str
     terms: Mapping[str, Any]
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, Any]
     sha256: str
-    classes: Mapping[str, float] = field(default_factory=dict)
+    classes: Mapping[str, NamedParameter] = field(default_factory=dict)
 
 
 def penalty_names() -> list[str]:
@@ -94,7 +96,7 @@ def load_penalty(name: str, *, folder: Path) -> Penalty:
         terms=data["terms"],
         parameters=data.get("parameters", {}),
         sha256=hashlib.sha256(f"{document.sha256} weighs {classes.sha256}".encode()).hexdigest(),
-        classes=classes.data["weights"],
+        classes=named_parameters(classes.data["weights"]),
     )
 
 
@@ -105,10 +107,17 @@ class _Charged:
     check: str
     weight: float
     critical: bool
+    of_class: str
 
     @property
     def parameter(self) -> str:
         return f"weight_of_{self.check}"
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """Its weight, as a rule set states a parameter."""
+        meaning = f"what a violation of {self.check} weighs, of class {self.of_class}"
+        return {"value": self.weight, "meaning": meaning}
 
 
 def with_penalty(document: YamlDocument) -> YamlDocument:
@@ -159,16 +168,19 @@ def _charged(document: YamlDocument, penalty: Penalty, name: str, body: Mapping[
             place=place,
             hint=did_you_mean(name, checks, what="checks of this rule set"),
         )
-    weight = body.get("weight", penalty.classes.get(body["class"]))
+    name_of_class = body["class"]
+    known = penalty.classes.get(name_of_class)
+    weight = body.get("weight", known.value if known else None)
     if weight is None:
         raise RuleSetError(
-            f"class {body['class']!r} has no weight",
+            f"class {name_of_class!r} has no weight",
             file=document.file,
             place=place,
-            hint=did_you_mean(body["class"], penalty.classes, what="classes with a weight")
+            hint=did_you_mean(name_of_class, penalty.classes, what="classes with a weight")
             + "; a class of your own needs 'weight:'",
         )
-    return _Charged(name, weight, body.get("critical", True))
+    told = f"{name_of_class} ({known.meaning})" if known else name_of_class
+    return _Charged(name, weight, body.get("critical", True), told)
 
 
 def _parameters(
@@ -176,11 +188,15 @@ def _parameters(
 ) -> dict[str, Any]:
     own = document.data.get("parameters", {})
     # Weights and scale are set under `safety` alone; other parameters of the penalty are only defaults.
-    from_safety = {each.parameter: each.weight for each in charged} | {_SCALE: scale}
+    from_safety = {each.parameter: each.stated for each in charged}
+    from_safety[_SCALE] = {"value": scale, "meaning": _SCALE_MEANING}
     for name in from_safety:
         if name in own:
             raise _clash(document, ["parameters", name], f"parameter {name!r} is set by 'safety' as well")
-    return {**own, **from_safety, **{k: v for k, v in penalty.parameters.items() if k not in own}}
+    # A `null` stays, to be refused: it takes away what a base states, and a penalty is none.
+    left = {name: body for name, body in penalty.parameters.items() if own.get(name, body) is not None}
+    changed = {name: own[name] for name in left if name in own}
+    return {**own, **from_safety, **merged_parameters(left, changed)}
 
 
 def _terms(document: YamlDocument, penalty: Penalty, charged: list[_Charged]) -> dict[str, Any]:

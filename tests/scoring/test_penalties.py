@@ -158,7 +158,7 @@ def test_the_expanded_rule_set_stands_alone_in_plain_terms(tmp_path: Path) -> No
     assert "include" not in alone.expanded
     assert "safety" not in alone.expanded
     assert alone.expanded["terms"]["trial"]["earned"] == "task"
-    assert alone.expanded["parameters"]["weight_of_separation"] == 0.4
+    assert alone.parameters["weight_of_separation"].value == 0.4
     assert alone.sheet.priced == {"separation", "human_contact"} | load_rule_set("paper2020").sheet.priced
 
 
@@ -172,7 +172,50 @@ def test_the_hash_covers_the_penalty(tmp_path: Path) -> None:
     assert load_rule_set(mine).sha256 != before
 
 
+@pytest.mark.parametrize("name", penalty_names())
+def test_every_number_of_a_shipped_penalty_says_what_it_means(name: str) -> None:
+    parameters = reference_rules(name).parameters
+
+    assert [one for one, stated in parameters.items() if not stated.meaning] == []
+
+
+def test_a_number_of_a_penalty_has_the_unit_its_file_states() -> None:
+    parameters = reference_rules("penalty.lexicographic").parameters
+
+    assert parameters["safety_again_after_s"][:2] == (5, "s")
+    assert parameters["points_per_demerit"][:2] == (1000, "points")
+
+
+def test_a_weight_says_what_its_class_is(tmp_path: Path) -> None:
+    safety = "safety: {separation: {class: ours, weight: 0.3}, human_contact: {class: contact, weight: 2}}\n"
+
+    parameters = load_rule_set(_file(tmp_path, HEAD + INCLUDE + safety)).parameters
+
+    assert (
+        parameters["weight_of_separation"].meaning == "what a violation of separation weighs, of class ours"
+    )
+    assert parameters["weight_of_human_contact"].value == 2
+    assert parameters["weight_of_human_contact"].meaning.endswith("of class contact (a human was touched)")
+
+
 # Overriding ----------------------------------------------------------------------------
+
+
+def test_a_plain_number_keeps_unit_and_meaning_of_the_penalty_s_own(tmp_path: Path) -> None:
+    text = HEAD + INCLUDE + SAFETY
+    before = load_rule_set(_file(tmp_path, text)).parameters["safety_again_after_s"]
+    plain = load_rule_set(_file(tmp_path, text + "parameters: {safety_again_after_s: 10}\n"))
+    mapped = load_rule_set(
+        _file(tmp_path, text + "parameters: {safety_again_after_s: {value: 9, meaning: Ours}}\n")
+    )
+
+    assert plain.parameters["safety_again_after_s"] == before._replace(value=10)
+    assert mapped.parameters["safety_again_after_s"] == (9, "s", "Ours")
+
+
+def test_a_parameter_of_a_penalty_cannot_be_taken_away(tmp_path: Path) -> None:
+    with pytest.raises(RuleSetError, match="no parameter 'safety_again_after_s' to take away"):
+        load_rule_set(_file(tmp_path, HEAD + INCLUDE + SAFETY + "parameters: {safety_again_after_s: null}\n"))
 
 
 @pytest.mark.parametrize(

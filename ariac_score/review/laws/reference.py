@@ -8,6 +8,7 @@ from pathlib import Path
 from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.proving import Outcome, check_laws
 from ariac_score.review.laws.words import outcome_lines
+from ariac_score.scoring.named import named_parameters
 from ariac_score.scoring.penalties import Penalty, load_penalty, penalty_names
 from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, installed_rule_sets
 
@@ -63,7 +64,9 @@ def penalties_page(*, cases: int = 120, seed: int = 0) -> str:
         )
         for name in sorted(penalty_names(), key=lambda name: (name != DEFAULT, name))
     ]
-    return "".join([_INTRODUCTION, *_table(found), *_laws(), *_shipped(), *_pages(found)])
+    default, _ = found[0]
+    head = [_INTRODUCTION, *_classes(default), _REASONS]
+    return "".join([*head, *_table(found), *_laws(), *_shipped(), *_pages(found)])
 
 
 def _table(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
@@ -78,6 +81,22 @@ def _laws() -> Iterator[str]:
     yield "\n## How a law is tried\n\n| law | how |\n|---|---|\n"
     for law in LAWS:
         yield f"| {law.says} | {law.how} |\n"
+
+
+def _numbers(penalty: Penalty) -> Iterator[str]:
+    """The parameters of a penalty, which a rule set may set otherwise."""
+    numbers = named_parameters(penalty.parameters)
+    if numbers:
+        yield "\n| parameter | default | meaning |\n|---|---|---|\n"
+    for name, (value, unit, meaning) in numbers.items():
+        yield f"| `{name}` | {value:g}{'' if unit == '1' else f' {unit}'} | {meaning} |\n"
+
+
+def _classes(penalty: Penalty) -> Iterator[str]:
+    yield "\nWhat a violation of each class weighs (`rules/penalty/classes.yaml`):\n\n"
+    yield "| class | weight | meaning |\n|---|---|---|\n"
+    for name, (weight, _, meaning) in penalty.classes.items():
+        yield f"| `{name}` | {weight:g} | {meaning} |\n"
 
 
 def _shipped() -> Iterator[str]:
@@ -96,6 +115,7 @@ def _pages(found: list[tuple[Penalty, tuple[Outcome, ...]]]) -> Iterator[str]:
         default = " (default)" if penalty.id == DEFAULT else ""
         yield f"\n### `{penalty.id}`{default}: {penalty.title}\n\n{penalty.in_words}\n"
         yield f"\nFrom: {penalty.source}.\n"
+        yield from _numbers(penalty)
         broken = [outcome for outcome in outcomes if outcome.verdict == "broken"]
         yield "\nIt keeps every law.\n" if not broken else "\n```\n"
         for outcome in broken:
@@ -137,8 +157,9 @@ safety:
 What comes out is a plain rule set (`ariac-score rules show mine.yaml --expanded`): the `score` of the rule
 set becomes the term `earned`, each weight a parameter `weight_of_<check>`, the terms of the penalty follow,
 and `penalised_score` is the score. A rule set changes a penalty by having a term or parameter of the same
-name itself. `critical: false` keeps the critical violations of a check from closing the gate. The hash of
-the rule set covers the penalty. A class of your own needs a weight.
+name itself; a plain number keeps unit and meaning of the penalty's own. `critical: false` keeps the
+critical violations of a check from closing the gate. The hash of the rule set covers the penalty. A
+class of your own needs a weight.
 
 `ariac-score rules check NAME` tries eight laws on random findings, prints which hold, and for one that does
 not the smallest counter-example found. Findings are drawn independently of each other: a counter-example
@@ -146,10 +167,9 @@ shows what the formulas allow, not that a trial will come to it. Below is that f
 competition: a point for each part of the right type and color, two off for anything unwanted, so that what
 was earned can be negative; separation, human contact and arm collision as safety checks; what is undecided
 counts as the worst case. This page is generated; a test compares it.
+"""
 
-Weights by class: contact 1.0, robot_collision 0.7, environment_collision 0.6, separation 0.4, limit 0.25,
-informational 0 (`rules/penalty/classes.yaml`).
-
+_REASONS = """
 ## Why the default charges time and not episodes
 
 The monitor catalogue suggests 1 + (integral of relative depth) / 5 s for each episode; `demerits(check,
