@@ -255,7 +255,7 @@ def _refuse_local_competition(document: YamlDocument) -> None:
             file=document.file,
             place=document.place(["competition", "use"]),
             hint="write 'levels:' and 'facts:' here instead, or install what brings it, "
-            "under the entry point 'ariac_score.competitions' (docs/write-a-competition.md)",
+            "under the entry point 'ariac_score.competitions'",
         )
 
 
