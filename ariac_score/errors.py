@@ -7,7 +7,8 @@
     │   └── LogMapError             4  a log map
     ├── FormulaError                4  a formula cannot be parsed or evaluated
     │   ├── NeedsCohortError        6  it needs a value across teams, and none is given
-    │   └── UnknownFactError        6  it needs a fact that no record of the trial states
+    │   ├── UnknownFactError        6  it needs a fact that no record of the trial states
+    │   └── OtherFactError          6  the trial states a text where a number is declared, or the reverse
     ├── PluginError                 3  a plugin misbehaves
     │   ├── PluginNotFoundError     4  a name that no installed distribution provides
     │   ├── PluginConflictError     4  two distributions provide one name
@@ -39,6 +40,7 @@ __all__ = [
     "MissingSignalError",
     "NeedsCohortError",
     "NothingToScoreError",
+    "OtherFactError",
     "OtherUnitError",
     "PluginConflictError",
     "PluginError",
@@ -129,6 +131,12 @@ class NeedsCohortError(FormulaError):
 
 class UnknownFactError(FormulaError):
     """A formula needs a fact, such as an order's priority, that no record of the trial states."""
+
+    exit_code = 6
+
+
+class OtherFactError(FormulaError):
+    """The trial states a fact as a text that is declared as a number, or the reverse: a fault of the log."""
 
     exit_code = 6
 

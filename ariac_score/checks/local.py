@@ -218,7 +218,8 @@ class LocalFiles:
         if beside is None:
             raise LocalPluginError(
                 f"{use!r} lies beside a rule set, and these rules lie in no file",
-                hint="give the rule set itself with --rules: a result brings its rules, never their code",
+                hint="give the rule set itself, --rules FILE --local-plugins: a result brings its rules, "
+                "never their code",
             )
         source = self._file(beside, name)
         if self.pinned is not None and self.pinned[name] != source.sha256:

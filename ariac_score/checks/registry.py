@@ -378,6 +378,12 @@ class Registry:
                 f"{name!r} was a class in somebody's Python, and no file has it",
                 hint="give it again with RuleSet.with_monitor, or write it into a file: './ours.py:Class'",
             )
+        if self.local is None and beside is None:
+            raise LocalPluginError(
+                f"{name!r} is code in a file, and the caller does not allow that",
+                hint="give the rule set itself and allow its files, --rules FILE --local-plugins, where a "
+                "command has them: a result brings its rules, never their code",
+            )
         if self.local is None:
             raise LocalPluginError(
                 f"{name!r} is code in a file, and the caller does not allow that",

@@ -62,6 +62,8 @@ def _next(files: list[Path]) -> str:
     """What to do with new files."""
     projects = [file.parent for file in files if file.name == "pyproject.toml"]
     if projects:
-        return f"cd {projects[0].as_posix()} && pip install -e . && python -m pytest"
+        tested = any(file.name.startswith("test_") for file in files)
+        last = "python -m pytest" if tested else "ariac-score plugins doctor"
+        return f"cd {projects[0].as_posix()} && pip install -e . && {last}"
     (rules,) = [file for file in files if file.suffix == ".yaml"]
     return f"ariac-score score LOG --rules {rules.as_posix()} --local-plugins"

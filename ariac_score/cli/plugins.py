@@ -45,6 +45,7 @@ def register(commands: Any) -> None:
     listing.set_defaults(run=run_list)
     show = add_action(actions, "show", "show the documentation of a plugin")
     show.add_argument("name", metavar="NAME", help="a name, or a class in a file: ./ours.py:NearMiss")
+    _take_local_plugins(show)
     show.set_defaults(run=run_show)
     check = actions.add_parser(
         "check",
@@ -69,9 +70,19 @@ def register(commands: Any) -> None:
         metavar="S",
         help=f"longest that one call of the plugin may last, s; default: {CALL_LIMIT_S:g}",
     )
+    _take_local_plugins(check)
     check.set_defaults(run=run_check)
     doctor = add_action(actions, "doctor", "find everything that is wrong with installed plugins")
     doctor.set_defaults(run=run_doctor)
+
+
+def _take_local_plugins(parser: argparse.ArgumentParser) -> None:
+    """Take the option that other commands need for files, which changes nothing here."""
+    parser.add_argument(
+        "--local-plugins",
+        action="store_true",
+        help="not needed: who names a class in a file allows that it runs",
+    )
 
 
 # list ----------------------------------------------------------------------------------

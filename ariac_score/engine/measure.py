@@ -15,7 +15,7 @@ from ariac_score.checks.measures import measures_of
 from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask, charts_of
 from ariac_score.engine.prepared import Prepared, Rules, prepare
-from ariac_score.errors import LogError, RuleSetError
+from ariac_score.errors import LogError
 from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.scoring.levels import TRIAL
@@ -191,13 +191,12 @@ def _refuse_other_levels(scope: Scope, rule_set: RuleSet) -> None:
     for inner in scope.inner:
         if inner.level not in levels[: levels.index(scope.level)]:
             known = inner.level in levels
-            raise RuleSetError(
+            raise LogError(
                 f"{inner.path!r} of level {inner.level!r} lies inside one of level {scope.level!r}"
                 if known
                 else f"the trial has {inner.path!r} of level {inner.level!r}, which is not declared",
-                file=rule_set.file,
-                place="$.levels",
-                hint=f"levels from the inside out, as declared: {', '.join(levels)}",
+                hint=f"correct the log, or 'levels:' of {rule_set.file or rule_set.id}; levels from the "
+                f"inside out, as declared: {', '.join(levels)}",
             )
         _refuse_other_levels(inner, rule_set)
 

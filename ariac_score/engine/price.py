@@ -9,7 +9,7 @@ from ariac_score.documents.given import refuse_other
 from ariac_score.engine.measure import stored_findings, stored_name
 from ariac_score.engine.prepared import Rules, rule_set_of
 from ariac_score.engine.provenance import engine_code
-from ariac_score.errors import FormulaError, RuleSetError
+from ariac_score.errors import FormulaError, OtherFactError, RuleSetError
 from ariac_score.results.result import CheckUse, Code, Measured, Pinned, Provenance, Result, Settings
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
@@ -31,6 +31,7 @@ def price_trial(
 
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
+        OtherFactError: The trial states a fact otherwise than declared; it names the trial.
     """
     cohort = cohort or CohortValues()
     try:
@@ -43,6 +44,10 @@ def price_trial(
             cohort=cohort,
             measures=measured.measures,
         )
+    except OtherFactError as error:
+        # What is wrong lies in the trial, so no line of the rule set is its place.
+        error.file, error.place = measured.trial, ""
+        raise
     except FormulaError as error:
         error.file = error.file or rule_set.file
         raise

@@ -5,7 +5,8 @@ Measuring needs the log and knows no points; pricing needs only what was measure
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -30,7 +31,7 @@ from ariac_score.engine.read import (
     with_names,
 )
 from ariac_score.engine.settings import settings_of
-from ariac_score.errors import LogError, UsageError
+from ariac_score.errors import LogError, OtherFactError, UsageError
 from ariac_score.logs.bundle import Bundle, with_parts
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.results.result import Result
@@ -154,13 +155,26 @@ def score_trial(
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
         trial = with_names(trial, trial_id, team)
         trial = prepared.derived(with_defects(trial, prepared))
-        measured = measure_trial(trial, prepared, known=known)
+        with _naming(path, trial.id):
+            measured = measure_trial(trial, prepared, known=known)
         sketch = sketch_trial(trial, prepared, measured)
         inputs = hashes()
     refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
-    return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, trial))
+    with _naming(path, trial.id):
+        return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, trial))
+
+
+@contextmanager
+def _naming(path: Path, trial_id: str) -> Iterator[None]:
+    """Name the log where a fault of its trial is found that knows the name of the trial at most."""
+    try:
+        yield
+    except (LogError, OtherFactError) as error:
+        if error.file in (None, trial_id):
+            error.file = str(path)
+        raise
 
 
 def check_configuration(path: Path, rule_set: RuleSet) -> None:

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from ariac_score.engine.price import reprice
-from ariac_score.errors import FormulaError, RunEndedError, ScoreError
+from ariac_score.errors import FormulaError, OtherFactError, RunEndedError, ScoreError
 from ariac_score.ranking.competition import Competition, RunKey, Team
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
@@ -334,7 +334,8 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
 
 def _error_text(error: ScoreError) -> str:
     # A formula that has no value is no fault of the log that the error names, so its place stands instead.
-    what = f"{error.place}: {error.cause}" if isinstance(error, FormulaError) else str(error)
+    of_formula = isinstance(error, FormulaError) and not isinstance(error, OtherFactError)
+    what = f"{error.place}: {error.cause}" if of_formula else str(error)
     return f"{what}; {error.hint}" if error.hint else what
 
 

@@ -246,7 +246,9 @@ class Format(Generic[T]):
         if newer := self.newer(data):
             raise self.error(newer, file=file, place="$.schema", hint="update ariac-score")
         raise self.error(
-            f"its schema is {tag!r}, not {self.tag!r}",
+            f"it states no schema, where {self.tag!r} is due"
+            if tag is None
+            else f"its schema is {tag!r}, not {self.tag!r}",
             file=file,
             place="$.schema",
             hint=f"give the JSON that {self.made_by} wrote",

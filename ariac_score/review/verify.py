@@ -129,7 +129,7 @@ def verify_result(
     steps.append(_canonical(text, data["schema"], result))
     given = load_rule_set(rules) if rules else _installed(result)
     steps.append(_rules(result, given, required=bool(rules)))
-    steps.append(_code(result, files_run=local_plugins))
+    steps.append(_code(result, files_run=local_plugins and log is not None))
     if adjustments is not None:
         steps.append(_adjustments(result, adjustments))
     if log is not None:
@@ -139,6 +139,8 @@ def verify_result(
             changed = list(_changed_files(rule_set, registry))
             if changed:  # another text says nothing about this result, and may do anything
                 return Verification((*steps, *changed), result)
+            if files := ", ".join(sorted(_stated_files(result))):
+                steps.append(Step("local", OK, f"{files} beside the rule set made it"))
         # The automatic result: decisions of stewards are applied to it, not measured.
         again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
         again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
@@ -319,13 +321,13 @@ def _code(result: Result, *, files_run: bool) -> Step:
     """Which recorded versions are not those installed here."""
     if not result.provenance.code:
         return Step("code", NOTE, "the result does not say which code made it")
-    # Files beside the rule set that run are compared before they do.
+    # Files beside the rule set that run are compared before they do, in a step of their own.
     files = [one for one in result.provenance.code if one.distribution == LOCAL_DISTRIBUTION]
     compared = [one for one in result.provenance.code if not (files_run and one in files)]
     others = [words for each in compared if (words := _other(each))]
     if others:
         return Step("code", NOTE, "\n".join(others))
-    here = (f"{code.package} ({code.distribution} {code.version})" for code in result.provenance.code)
+    here = (f"{code.package} ({code.distribution} {code.version})" for code in compared)
     return Step("code", OK, ", ".join(here))
 
 

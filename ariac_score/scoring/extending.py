@@ -245,8 +245,23 @@ def written_document(text: str, *, file: str) -> YamlDocument:
     return _written(parse_yaml(text.encode("utf-8"), file=file, error=RuleSetError))
 
 
+def _refuse_local_competition(document: YamlDocument) -> None:
+    """Say of a competition in a file what its pattern in the schema cannot."""
+    body = document.data.get("competition") if isinstance(document.data, dict) else None
+    use = body.get("use") if isinstance(body, dict) else None
+    if isinstance(use, str) and is_local(use):
+        raise RuleSetError(
+            f"{use!r} is a class in a file, and a competition comes by an installed distribution alone",
+            file=document.file,
+            place=document.place(["competition", "use"]),
+            hint="write 'levels:' and 'facts:' here instead, or install what brings it, "
+            "under the entry point 'ariac_score.competitions'",
+        )
+
+
 def _written(document: YamlDocument) -> YamlDocument:
     _refuse_its_parameters(document)
+    _refuse_local_competition(document)
     validate(document, "ruleset", error=RuleSetError)
     data = document.data
     if "parameters" in data:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
-from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError, did_you_mean
+from ariac_score.errors import FormulaError, NeedsCohortError, OtherFactError, UnknownFactError, did_you_mean
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
 from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, arity_of, text_of
@@ -927,10 +927,10 @@ def _is_call_of(call: ast.Call, function: str) -> bool:
     return isinstance(call.func, ast.Name) and call.func.id == function
 
 
-def _declared_otherwise(dotted: str, scope: Scope, value: object, wanted: str) -> FormulaError:
-    return FormulaError(
+def _declared_otherwise(dotted: str, scope: Scope, value: object, wanted: str) -> OtherFactError:
+    return OtherFactError(
         f"{dotted} of {scope.path or 'the trial'} is {value!r}, but declared as {wanted}",
-        hint="correct its declaration under 'facts:', or the log, competition or reader that states it",
+        hint="correct the log, competition or reader that states it, or its declaration under 'facts:'",
     )
 
 

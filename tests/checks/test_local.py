@@ -176,7 +176,7 @@ def test_a_class_in_a_file_is_checked_and_shown_like_an_installed_plugin(
 ) -> None:
     name = f"{rules.with_name('ours.py')}:NearMiss"
 
-    main(["plugins", "check", name])
+    main(["plugins", "check", name, "--local-plugins"])  # as other commands need it
     assert "./ours.py:NearMiss (local file " in capsys.readouterr().out
     assert main(["plugins", "show", name]) == 0
     shown = capsys.readouterr().out
@@ -355,7 +355,8 @@ def test_verifying_runs_the_very_file_that_the_result_states(stored: Path, rules
     found = verify_result(stored, log=LOG, rules=str(rules), local_plugins=True)
 
     assert found.holds
-    assert {"recomputed": "ok", "code": "ok"}.items() <= {s.name: s.outcome for s in found.steps}.items()
+    outcomes = {step.name: step.outcome for step in found.steps}
+    assert {"recomputed": "ok", "code": "ok", "local": "ok"}.items() <= outcomes.items()
 
 
 def test_a_file_that_changed_between_measuring_and_verifying_does_not_run(stored: Path, rules: Path) -> None:
@@ -368,6 +369,7 @@ def test_a_file_that_changed_between_measuring_and_verifying_does_not_run(stored
 
     (step,) = [step for step in found.steps if step.outcome == "failed"]
     assert step.name == "local"
+    assert not any("ours.py" in other.words for other in found.steps if other is not step)
     assert before in step.words
     assert sha256_of(code) in step.words
     assert not mark.exists()
@@ -384,6 +386,33 @@ def test_verifying_without_the_permission_says_what_made_it_and_refuses_to_run_i
     assert "the caller does not allow that" in capsys.readouterr().err
     assert main(["verify", str(stored), "--log", str(LOG), "--local-plugins"]) == 4
     assert "add --rules FILE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["sensitivity", "RESULT"],
+        ["annotate", str(LOG), "RESULT", "-o", "RESULT.mcap"],
+        ["verify", "RESULT", "--log", str(LOG)],
+    ],
+)
+def test_what_needs_the_code_of_a_result_says_at_once_how_to_give_it(
+    command: list[str], stored: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([part.replace("RESULT", str(stored)) for part in command]) == 4
+
+    assert "--rules FILE --local-plugins" in capsys.readouterr().err
+
+
+def test_a_competition_in_a_file_is_refused_in_words(rules: Path) -> None:
+    told = rules.read_text(encoding="utf-8") + 'competition: {use: "./ours.py:Cup"}\n'
+    rules.write_text(told, encoding="utf-8")
+
+    with pytest.raises(RuleSetError, match="a competition comes by an installed distribution alone") as error:
+        load_rule_set(rules)
+
+    assert error.value.place.endswith("$.competition.use")
+    assert "ariac_score.competitions" in error.value.hint
 
 
 # Hostile and broken files ---------------------------------------------------------------

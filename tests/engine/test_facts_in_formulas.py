@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ariac_score import score_trial
+from ariac_score.errors import LogError, OtherFactError
 from ariac_score.results.result import Result
 from ariac_score.testing.bags import Recorded, write_bag
 
@@ -90,3 +91,32 @@ def test_facts_that_messages_state_reach_the_score(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "run.mcap", messages, storage="mcap")
 
     assert score_trial(bag, tmp_path / "rules.yaml").score == Decimal(28)
+
+
+def test_a_fact_that_is_no_number_is_a_fault_of_the_log_that_states_it(tmp_path: Path) -> None:
+    with pytest.raises(OtherFactError) as refused:
+        scored(tmp_path, {"time_limit_s": "long", "taken_s": 45, "connector": "sfp"})
+
+    error = refused.value
+    assert str(error) == (
+        f"{tmp_path / 'run.jsonl'}: trial.time_limit_s of the trial is 'long', but declared as a number"
+    )
+    assert error.exit_code == 6
+    assert "correct the log" in error.hint
+
+
+def test_work_of_a_level_that_is_not_declared_is_a_fault_of_the_log(tmp_path: Path) -> None:
+    scored(tmp_path, {"time_limit_s": 180, "taken_s": 45, "connector": "sfp"})
+    rules, log = tmp_path / "rules.yaml", tmp_path / "run.jsonl"
+    rules.write_text(RULES.replace("[trial]", "[bin, trial]"), encoding="utf-8")
+    head, event, _ = log.read_text(encoding="utf-8").splitlines()
+    item = json.dumps({"record": "item", "t_s": 0, "id": "a", "level": "box", "facts": {}, "items": []})
+    end = json.dumps({"record": "end", "records": 4})
+    log.write_text(f"{head}\n{event}\n{item}\n{end}\n", encoding="utf-8")
+
+    with pytest.raises(LogError) as refused:
+        score_trial(log, rules)
+
+    assert str(refused.value) == f"{log}: the trial has 'a' of level 'box', which is not declared"
+    assert refused.value.exit_code == 6
+    assert f"'levels:' of {rules}" in refused.value.hint

@@ -446,7 +446,7 @@ def test_a_team_prices_its_own_trial_against_the_published_cohort(
     ("change", "cause"),
     [
         (("2000.0", "2001.0"), "its content does not match its hash"),
-        (('"schema"', '"shema"'), "its schema is None"),
+        (('"schema"', '"shema"'), "it states no schema"),
         (('"teams": 2', '"teams": -2'), "expected 'int' >= 0"),
         (("{", "["), "not a cohort"),
     ],

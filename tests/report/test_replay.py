@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 from dataclasses import replace
+from decimal import Decimal
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ import pytest
 
 from ariac_score import Body, Chart, Finding, Result, Signal, Span, Trial, Verdict, as_json
 from ariac_score.report.html.plan import plan_of
-from ariac_score.report.html.replay import MOST_MOMENTS, replay_of
+from ariac_score.report.html.replay import MOST_MOMENTS, Replay, replay_of
 from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.timeline import axis_of
 from ariac_score.report.html.trial import trial_page
@@ -74,6 +75,27 @@ def test_violations_and_what_was_handed_in_are_its_moments_with_what_they_cost_o
         ("order_0", 1.0, (14.0,)),
         ("order_1", 8.0, (31.0,)),
     ]
+
+
+def test_where_its_amounts_are_not_the_whole_score_the_page_says_what_else_there_is(routes: Result) -> None:
+    text = page(routes)
+
+    # 9 - 8.55 + 21 is not 19.76, and the bar says 19.76 - 28 = -8.24.
+    (found,) = re.findall(r"<p [^>]*>These amounts are .*?</p>", text)
+    note = re.sub(r"<[^>]+>", "", found)
+    assert "what happened at no known time is only among those" in note
+    assert "the safety bar, \u22128.24, is what violations took of what the mistakes had left" in note
+
+
+def test_where_its_amounts_are_the_whole_score_there_is_nothing_to_explain(
+    routes: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replay = replay_of(routes, axis_of(routes))
+    assert replay is not None
+    assert replay.listed == Decimal("21.453776")  # 9 - 8.546224 + 21
+
+    monkeypatch.setattr(Replay, "listed", property(lambda _: routes.score))
+    assert "These amounts are" not in page(routes)
 
 
 def test_of_very_many_violations_those_that_cost_most_are_its_moments(routes: Result) -> None:

@@ -200,6 +200,10 @@ def test_the_command_names_the_files_and_what_to_do_next(
     assert lines[:-2] == sorted(p.relative_to(tmp_path).as_posix() for p in grown.rglob("*") if p.is_file())
     assert lines[-1] == "next: cd fair-play && pip install -e . && python -m pytest"
 
+    (tmp_path / "test_fair_play.py").unlink()
+    assert main(["new", "distribution", "untested.play", "--from", "fair_play.yaml"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith("pip install -e . && ariac-score plugins doctor")
+
 
 def test_a_kind_that_does_not_exist_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:

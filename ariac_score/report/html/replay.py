@@ -128,6 +128,11 @@ class Replay:
     speed: int
     speeds: tuple[int, ...]
 
+    @property
+    def listed(self) -> Decimal:
+        """What the amounts of the moments come to; less or more than the score where others have no time."""
+        return sum((one.amount for one in self.moments if one.amount is not None), Decimal(0))
+
 
 def replay_of(result: Result, axis: Scale | None) -> Replay | None:
     """The replay of a trial; `None` where the log shows neither a position nor a distance over time."""
