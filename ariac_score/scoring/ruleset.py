@@ -423,7 +423,9 @@ def _unused(rule_set: RuleSet) -> list[str]:
     """The named parameters that no formula and no check names."""
     used = rule_set.sheet.parameters_named(
         item.formula for item in rule_set.printed.items if item.formula is not None
-    ) | {name for check in rule_set.checks.values() for name in check.named.values()}
+    )
+    bodies = [body for key in ("rules", "monitors") for body in rule_set.expanded.get(key, {}).values()]
+    used |= {name for body in bodies for name in references(body.get("with", {}))}
     return [name for name in rule_set.parameters if name not in used and name.partition(".")[0] not in used]
 
 

@@ -297,3 +297,14 @@ def test_a_formula_that_names_no_parameter_is_told_so(
 
     assert cause in refused.value.cause
     assert hint in refused.value.hint
+
+
+def test_a_setting_of_several_constants_takes_a_number_for_each(tmp_path: Path) -> None:
+    file = tmp_path / "near.yaml"
+    file.write_text(
+        "id: near\ntitle: Near\nsource: a test\nlog_map: ariac2020\nparameters: {a: 1, b: 2}\n"
+        "monitors:\n  m:\n    use: formula.never\n    with:\n      formula: distance < q\n"
+        "      constants: {q: {parameter: a}, r: {parameter: b}}\nscore: 1\n"
+    )
+
+    assert load_rule_set(file).checks["m"].parameters["constants"] == {"q": 1, "r": 2}
