@@ -70,6 +70,7 @@ def _run_job(folder: Path) -> dict[str, int]:
     return codes
 
 
+@pytest.mark.slow
 def test_the_action_of_its_page_is_green_for_a_good_trial(tmp_path: Path) -> None:
     (tmp_path / "logs").mkdir()
     shutil.copy(ROOT / "examples/kitting_near_miss.mcap", tmp_path / "logs/trial.mcap")
@@ -84,6 +85,7 @@ def test_the_action_of_its_page_is_green_for_a_good_trial(tmp_path: Path) -> Non
         assert (tmp_path / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_the_action_of_its_page_is_red_for_a_log_that_lacks_the_human(tmp_path: Path) -> None:
     (tmp_path / "logs").mkdir()
     kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]

@@ -68,6 +68,7 @@ def test_the_page_has_an_example_of_every_group_or_names_it() -> None:
         assert f"`course_score/{name}`" in PAGE
 
 
+@pytest.mark.slow
 def test_everything_it_brings_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [one for one in brought(Registry()) if one.plugin.distribution == "course-score"]
 
@@ -141,6 +142,7 @@ def test_its_rule_set_says_where_it_lies_and_json_lists_it(
     assert {"course", "course.half"} <= {row["name"] for row in rows if row["kind"] == "rule_sets"}
 
 
+@pytest.mark.slow
 def test_its_monitor_keeps_the_contract_on_a_log_that_lacks_what_it_needs(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -81,6 +81,7 @@ def test_every_kind_of_change_is_made_where_it_can_be(repository: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_a_test_finds_dies_and_what_none_looks_at_lives(repository: Path) -> None:
     sample = ("--count", "4", "--seed", "1", "ariac_score")
     planted = rows(mutants(repository, "--list", *sample))
@@ -102,6 +103,7 @@ def test_a_seed_is_a_sample(repository: Path) -> None:
     assert len(others) > 1
 
 
+@pytest.mark.slow
 def test_a_test_that_fails_without_a_change_kills_nothing(repository: Path) -> None:
     broken = repository / "tests/scoring/test_limits.py"
     broken.write_text(TESTS.replace("False, False, True", "True, True, True"), encoding="utf-8")

@@ -95,6 +95,7 @@ def _code_of(command: str) -> int:
 SLOW = {"organiser"}  # it draws a page for every run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "door", [pytest.param(door, marks=[pytest.mark.slow] if door in SLOW else []) for door in DOORS]
 )

@@ -150,6 +150,7 @@ AS_THEY_ARE = {
 # What comes out ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_entry_of_a_folder_has_an_outcome_and_the_results_of_score(
     trials: Path, tmp_path: Path
 ) -> None:
@@ -164,6 +165,7 @@ def test_every_entry_of_a_folder_has_an_outcome_and_the_results_of_score(
     assert str(tmp_path) not in cut
 
 
+@pytest.mark.slow
 def test_it_makes_no_difference_where_how_many_or_in_which_order(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "inline")
     batch(trials, tmp_path / "local", executor=local())
@@ -175,6 +177,7 @@ def test_it_makes_no_difference_where_how_many_or_in_which_order(trials: Path, t
     assert same(tmp_path / "inline", tmp_path / "moved")
 
 
+@pytest.mark.slow
 def test_shards_join_to_the_bytes_of_the_whole(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "whole")
     parts = [tmp_path / f"part{number}" for number in (1, 2, 3)]
@@ -189,6 +192,7 @@ def test_shards_join_to_the_bytes_of_the_whole(trials: Path, tmp_path: Path) -> 
         assert same(tmp_path / "whole", joined)
 
 
+@pytest.mark.slow
 def test_a_competition_keeps_team_trial_and_run(tmp_path: Path) -> None:
     report = batch(COMPETITION, tmp_path / "out", rules="")
 
@@ -323,6 +327,7 @@ def test_whatever_ends_a_batch_the_next_call_goes_on(
         assert "the same command goes on" in said
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_batch_and_loses_nothing(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -517,6 +522,7 @@ def _own(folder: Path, name: str, *, price: int = 1, tolerance: float | None = N
     return rules(folder, name, yaml.safe_dump(data, sort_keys=False))
 
 
+@pytest.mark.slow
 def test_other_prices_are_put_on_what_was_measured(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -597,6 +603,7 @@ def test_results_are_looked_at_again_when_the_processes_for_prices_never_answer(
     assert _same_results(tmp_path / "fresh", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_a_result_that_cannot_be_written_beside_the_other_ends_the_batch(
     trials: Path, tmp_path: Path
 ) -> None:
@@ -617,6 +624,7 @@ def test_a_result_that_cannot_be_written_beside_the_other_ends_the_batch(
     assert _same_results(tmp_path / "fresh", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_no_price_is_put_on_a_forged_result(trials: Path, tmp_path: Path) -> None:
     first, second = _own(tmp_path, "first"), _own(tmp_path, "second", price=2)
     batch(trials, tmp_path / "fresh", second)
@@ -641,6 +649,7 @@ def test_a_process_for_prices_ends_when_nobody_is_left_to_ask(
     pricing._serve(its, setting, str(tmp_path / "out"))
 
 
+@pytest.mark.slow
 def test_another_parameter_of_a_check_measures_again(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -669,6 +678,7 @@ def _asked(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     return asked
 
 
+@pytest.mark.slow
 def test_only_checks_whose_parameters_changed_are_asked_again(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -688,6 +698,7 @@ def test_only_checks_whose_parameters_changed_are_asked_again(
         assert stored[0].read_bytes() == stored[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_back_to_rules_of_before_nothing_is_asked(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -745,6 +756,7 @@ class Interrupted(Inline):
         raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("calls", [1, 3])
 def test_a_call_that_is_interrupted_while_it_measures_again_goes_on_with_what_it_knew(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
@@ -765,6 +777,7 @@ def test_a_call_that_is_interrupted_while_it_measures_again_goes_on_with_what_it
     assert same(tmp_path / "whole", tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_rules_of_before_an_interruption_are_of_use_to_others_still(
     trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -786,6 +799,7 @@ def test_rules_of_before_an_interruption_are_of_use_to_others_still(
         assert row == rows(tmp_path / "out")[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [_another_log, _other_code, _forged, _other_log_map])
 def test_what_was_measured_of_something_else_or_by_other_code_is_not_used(
     trials: Path,
@@ -818,6 +832,7 @@ def test_rules_that_ask_for_other_signals_share_no_measurement() -> None:
 # What goes wrong in a process ------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "undisturbed")
 
@@ -829,6 +844,7 @@ def test_a_process_that_somebody_kills_costs_its_run_nothing(trials: Path, tmp_p
     assert same(tmp_path / "undisturbed", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "outcome", "reason"),
     [
@@ -935,6 +951,7 @@ def test_a_cluster_gives_the_bytes_of_one_machine(trials: Path, tmp_path: Path) 
     assert same(tmp_path / "here", tmp_path / "there")
 
 
+@pytest.mark.slow
 def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: Path, tmp_path: Path) -> None:
     first, second = (
         load_rule_set(_own(tmp_path, n, tolerance=t)) for n, t in (("first", None), ("second", 0.5))
@@ -1034,6 +1051,7 @@ def test_a_run_named_by_a_uri_is_fetched_where_it_is_scored(
 # What becomes of it --------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_batch_is_ranked_as_its_logs_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     batch(COMPETITION, tmp_path / "out", rules="")
     command = ["rank", str(COMPETITION), "--output-format", "json"]
@@ -1045,6 +1063,7 @@ def test_a_batch_is_ranked_as_its_logs_are(tmp_path: Path, capsys: pytest.Captur
     assert first == second
 
 
+@pytest.mark.slow
 def test_a_batch_of_other_rules_or_other_runs_is_not_ranked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -1060,6 +1079,7 @@ def test_a_batch_of_other_rules_or_other_runs_is_not_ranked(
     assert "this is no folder of a batch" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_tables_are_exported_with_every_row_and_no_formula(trials: Path, tmp_path: Path) -> None:
     (trials / "a.jsonl").rename(trials / "=cmd().jsonl")
     batch(trials, tmp_path / "out")
@@ -1108,6 +1128,7 @@ def test_a_folder_without_rules_or_entries_is_refused(tmp_path: Path) -> None:
         plan_batch(tmp_path / "gone", RULES)
 
 
+@pytest.mark.slow
 def test_two_runs_with_one_number_are_both_refused_by_name(tmp_path: Path) -> None:
     shutil.copytree(COMPETITION, tmp_path / "in")
     runs = tmp_path / "in/logs/aurora"
@@ -1203,6 +1224,7 @@ def test_parts_of_other_rules_or_other_code_are_refused(trials: Path, tmp_path: 
     assert joined([first, second], tmp_path / "out", mixed_code=True).runs == 6
 
 
+@pytest.mark.slow
 def test_two_results_for_one_run_are_refused(trials: Path, tmp_path: Path, trial_text: str) -> None:
     parts = [tmp_path / "one", tmp_path / "two"]
     batch(trials, parts[0])

@@ -51,6 +51,7 @@ def in_folder(folder: Path, trials: Path, out: Path) -> subprocess.CompletedProc
 # The working directory -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_sources_in_the_working_directory_that_are_not_installed_are_not_used(
     trials: Path, tmp_path: Path
 ) -> None:
@@ -67,6 +68,7 @@ def test_sources_in_the_working_directory_that_are_not_installed_are_not_used(
     assert outcomes(tmp_path / "out") == {"a.jsonl": "scored"}
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_cluster_does_not_use_them_either(trials: Path, tmp_path: Path) -> None:
     (tmp_path / "ariac_score").mkdir()
     (tmp_path / "ariac_score/__init__.py").write_text("raise RuntimeError('not this one')\n")
@@ -100,6 +102,7 @@ def test_programs_that_a_plugin_starts_have_the_environment_of_the_user(tmp_path
     assert done.stdout == "None\n"
 
 
+@pytest.mark.slow
 def test_message_packages_that_cannot_be_read_stop_no_batch(trials: Path, tmp_path: Path) -> None:
     folder = tmp_path / "odd" / "odd_msgs-1.0.dist-info"
     folder.mkdir(parents=True)

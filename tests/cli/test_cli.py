@@ -257,6 +257,7 @@ def test_a_file_that_is_no_result_is_refused(
     assert "x.json" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_rules_are_listed_shown_and_validated(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rules", "list"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
@@ -387,6 +388,7 @@ def test_no_help_points_at_a_file_that_an_installation_does_not_have() -> None:
     assert "README" not in _all_help()
 
 
+@pytest.mark.slow
 def test_nothing_that_is_printed_points_at_the_documentation_of_the_checkout() -> None:
     for file in [*(ROOT / "ariac_score").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]:
         tree = ast.parse(file.read_text(encoding="utf-8"))

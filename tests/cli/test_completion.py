@@ -98,6 +98,7 @@ def _asked(shell: str, line: str, folder: Path) -> list[str]:
     return [text.partition("\t")[0] for text in done.stdout.splitlines() if text]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shell", ["bash", pytest.param("fish", marks=pytest.mark.slow)])
 def test_a_real_shell_offers_it(shell: str, tmp_path: Path) -> None:
     if shutil.which(shell) is None:

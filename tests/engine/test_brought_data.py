@@ -176,6 +176,7 @@ def test_a_distribution_whose_package_cannot_be_imported_stops_only_its_own_rule
     assert load_rule_set("paper2020").id == "paper2020"
 
 
+@pytest.mark.slow
 def test_a_rule_set_with_a_fault_stops_neither_the_list_nor_audits(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -177,6 +177,7 @@ def test_a_signal_about_the_wrong_kind_of_subject_is_refused(
         score_trial(path, str(rules))
 
 
+@pytest.mark.slow
 def test_two_distributions_that_declare_one_quantity_in_other_units_are_refused_and_both_are_named(
     install: Install, rules: Path, tmp_path: Path
 ) -> None:
@@ -206,6 +207,7 @@ def test_another_shape_or_subject_is_a_contradiction_too(
         QUANTITIES["height"]
 
 
+@pytest.mark.slow
 def test_two_distributions_that_agree_about_a_quantity_are_both_welcome(install: Install) -> None:
     hop(install)
     source = 'from ariac_score import Quantity\nH = Quantity("m", 1, "body", "in other words")\n'
@@ -215,6 +217,7 @@ def test_two_distributions_that_agree_about_a_quantity_are_both_welcome(install:
     assert not [a for a in ailments() if "height" in a.origin]
 
 
+@pytest.mark.slow
 def test_a_quantity_of_ours_keeps_its_meaning(install: Install) -> None:
     source = 'from ariac_score import Quantity\nS = Quantity("km/h", 1, "body", "faster")\n'
     install("odd-score", {"speed": "S"}, source=source, group=QUANTITY)

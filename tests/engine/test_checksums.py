@@ -78,6 +78,7 @@ def test_what_is_no_checksum_is_refused(trial: Path, digest: str) -> None:
         score_trial(state(trial, digest), RULES)
 
 
+@pytest.mark.slow
 def test_in_a_batch_it_costs_that_run_alone(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

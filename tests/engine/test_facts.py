@@ -115,6 +115,7 @@ def schemas(install: Install, schema: str, distribution: str = "strict-score") -
     install(distribution, {"ariac": "S"}, source=source, group=GROUP)
 
 
+@pytest.mark.slow
 def test_a_log_is_held_against_the_schemas_of_the_competition_of_the_rules(
     install: Install, tmp_path: Path
 ) -> None:

@@ -155,6 +155,7 @@ def renamed(trial: Trial, names: dict[str, str]) -> Trial:
     return replace(trial, bodies=tuple(replace(body, kind=names[body.kind]) for body in trial.bodies))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, derandomize=True, deadline=None)
 @given(
     st.lists(st.sampled_from(["robot", "human", "cart"]), min_size=2, max_size=6),
@@ -177,6 +178,7 @@ def test_other_names_of_kinds_in_trial_and_monitor_give_the_same_findings(
         assert before == after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [("robot", "human"), ("human", "robot"), ("cart", "cart")])
 def test_the_findings_compared_above_are_of_every_verdict(asked: tuple[str, str]) -> None:
     kinds = ["robot", "human", "human", "cart", "cart"]

@@ -371,6 +371,7 @@ def test_10_a_derivative_on_uneven_stamps_is_the_business_of_its_monitor(folder:
 RAMP = ((60, 5, 12), (60, 4.9, 12), (60, 60, 0), (60, 61, 0), (60, 32.5, 6), (5, 5, 0), (5, 4.9, 12))
 
 
+@pytest.mark.slow
 def test_11_points_fall_along_a_ramp_whose_worst_end_counts_first(folder: Path) -> None:
     write_trace(folder, "0 base 0")
     for high, taken, points in RAMP:
@@ -448,6 +449,7 @@ def audited(folder: Path, printed: str, capsys: pytest.CaptureFixture[str]) -> t
     return code, capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_15_what_the_official_program_printed_is_held_against_our_score(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -506,6 +508,7 @@ def test_19_a_text_in_a_log_by_the_time_it_was_recorded_begins_and_ends_a_final(
     assert scored(folder, "trial.duration_s").score == 5
 
 
+@pytest.mark.slow
 def test_20_official_numbers_have_more_digits_than_ours_and_agree_within_ours(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -630,6 +630,7 @@ def test_a_competition_of_2023_starts_once_whether_or_not_its_first_state_was_se
     assert len(trial.events) == 2
 
 
+@pytest.mark.slow
 def test_what_no_plan_can_express_is_decoded_one_by_one_and_speed_message(tmp_path: Path) -> None:
     """More fields than a plan takes: rosbags reads each message, and the trial tells."""
     from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415

@@ -437,6 +437,7 @@ def bundle(folder: Path, **changes: Any) -> Path:
     return folder / "bundle.zip"
 
 
+@pytest.mark.slow
 def test_a_bundle_is_executed_as_the_worker_would(tmp_path: Path, log_text: str) -> None:
     (tmp_path / "kit_1").mkdir()
     (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
@@ -650,6 +651,7 @@ channels: [{topic: /records, decoder: ariac_score.records}]
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["./ours.yaml", "../maps/ours.yaml", "{absolute}/maps/ours.yaml"])
 @pytest.mark.parametrize("extended", [False, True])
 def test_a_log_map_of_the_organisers_own_is_packed(
@@ -765,6 +767,7 @@ def test_what_cannot_be_packed_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "s.zip").exists()
 
 
+@pytest.mark.slow
 def test_the_commands_say_what_they_did(
     tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -816,6 +819,7 @@ def hosted(tmp_path: Path, log: str, **brought: str) -> Path:
     return tmp_path / "dry/output"
 
 
+@pytest.mark.slow
 def test_an_honest_submission_is_scored_by_the_configuration_of_the_organiser(
     tmp_path: Path, log_text: str
 ) -> None:
@@ -837,6 +841,7 @@ sha256: {{mine.yaml: {hashlib.sha256(EASIER.encode()).hexdigest()}}}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "brought",
     [{"mine.yaml": EASIER}, {"kitting.yaml": EASIER}, {"mine.yaml": EASIER, "bundle.yaml": NAMED}],

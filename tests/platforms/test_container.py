@@ -113,6 +113,7 @@ def test_what_it_does_of_itself_is_a_command_we_have(capsys: pytest.CaptureFixtu
 # What is sent to be built from ---------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_all_of_the_package_is_sent_and_nothing_else() -> None:
     names = sent(ROOT)
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")

@@ -505,6 +505,7 @@ def test_stored_results_are_ranked_without_their_logs(
     assert capsys.readouterr().out == from_logs
 
 
+@pytest.mark.slow
 def test_a_result_under_the_name_of_another_run_is_not_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -554,6 +555,7 @@ def rows(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("year", ["2024", "2025"])
 def test_the_example_competitions_are_ranked_alike_every_time(
     year: str, capsys: pytest.CaptureFixture[str]
@@ -576,6 +578,7 @@ def test_the_example_competitions_are_ranked_alike_every_time(
         assert round(sum(cells), 9) == standing["execution"]
 
 
+@pytest.mark.slow
 def test_the_csv_says_the_same_as_the_json(capsys: pytest.CaptureFixture[str]) -> None:
     main(["rank", str(EXAMPLES / "2025"), "--output-format", "csv"])
     table = rows(capsys.readouterr().out)

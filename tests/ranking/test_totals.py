@@ -77,6 +77,7 @@ def test_a_third_has_nine_digits_and_nothing_is_nothing() -> None:
     assert total_named("mean").execution([]) == 0
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["sum", "mean", "median", "highest", "lowest"]),
     st.lists(st.integers(-(10**6), 10**6), min_size=1, max_size=6),

@@ -81,6 +81,7 @@ def rows(site: Path, table: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO((site / f"data/{table}.csv").read_text(encoding="utf-8"))))
 
 
+@pytest.mark.slow
 def test_task_and_safety_of_a_team_add_up_to_its_score(site: Path) -> None:
     board = rows(site, "leaderboard")
 

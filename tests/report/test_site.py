@@ -89,6 +89,7 @@ def page_of(file: Path, **given: Any) -> str:
 # What it holds -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_command_makes_pages_tables_and_the_ranking(site: Path) -> None:
     names = {file.relative_to(site).as_posix() for file in site.rglob("*") if file.is_file()}
 
@@ -161,6 +162,7 @@ def test_the_same_ranking_makes_the_same_bytes_with_any_number_of_processes(
             assert (tmp_path / "again" / file.relative_to(site)).read_bytes() == file.read_bytes(), file
 
 
+@pytest.mark.slow
 def test_a_site_is_made_of_its_own_ranking_in_place(site: Path, tmp_path: Path) -> None:
     shutil.copytree(site, tmp_path / "site")
     before = {f: f.read_bytes() for f in (tmp_path / "site").rglob("*") if f.is_file()}
@@ -185,6 +187,7 @@ def test_what_is_no_longer_part_of_it_is_removed_and_nothing_else(site: Path, tm
     assert "No results were given with this ranking" in (out / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_list_of_files_that_leads_out_of_the_site_removes_nothing_there(site: Path, tmp_path: Path) -> None:
     out, precious = tmp_path / "site", tmp_path / "precious.txt"
     shutil.copytree(site, out)
@@ -202,6 +205,7 @@ def test_a_list_of_files_that_leads_out_of_the_site_removes_nothing_there(site: 
 # What is given with it -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_changed_is_shown(site: Path, ranking: Path) -> None:
     def older(data: dict[str, Any]) -> None:
         data["standings"][1]["rank"], data["standings"][2]["rank"] = 3, 2
@@ -229,6 +233,7 @@ def test_new_and_gone_trials_are_named_as_they_are(ranking: Path) -> None:
     assert "Trials no longer held: -mixed" in text
 
 
+@pytest.mark.slow
 def test_the_previous_publication_may_be_the_folder_of_a_site(site: Path, tmp_path: Path) -> None:
     arguments = ["report", str(site / "data/ranking.json"), "-o", str(tmp_path / "new")]
 
@@ -252,6 +257,7 @@ SHIFTS = [
 ]
 
 
+@pytest.mark.slow
 def test_sensitivity_is_shown_where_it_is_given(site: Path, tmp_path: Path) -> None:
     rules = load_rule_set("ariac2024.official")
     file = tmp_path / "sensitivity.json"
@@ -297,6 +303,7 @@ def test_the_sensitivity_of_something_else_is_refused(
 # What is refused -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_result_that_was_changed_since_is_refused(
     ranking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -320,6 +327,7 @@ def test_a_result_of_other_rules_is_refused(
     assert "results of different rule sets are not ranked together" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_result_of_another_run_is_refused(
     ranking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -675,6 +683,7 @@ def test_what_is_for_a_competition_is_refused_for_a_trial(
     assert f"{option} is for the site of a competition" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_runs_that_do_not_count_are_named_where_nothing_else_names_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -317,6 +317,7 @@ def test_a_published_cohort_still_prices() -> None:
     assert cohort.of_trial("kit").sha256 == load_result(BEFORE / "result.json").cohort.sha256
 
 
+@pytest.mark.slow
 def test_a_finished_batch_is_read_ranked_and_taken_up(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -285,6 +285,7 @@ def test_every_monitor_has_a_margin_at_every_sample_or_is_named(
         assert len(states[name]) >= 3751, name
 
 
+@pytest.mark.slow
 def test_the_least_margin_beside_the_log_is_that_of_the_finding(everything: tuple[Path, Path]) -> None:
     log, file = everything
     result = json.loads(file.read_text())
@@ -313,6 +314,7 @@ def test_the_least_margin_beside_the_log_is_that_of_the_finding(everything: tupl
     assert len(checked) >= 8, checked
 
 
+@pytest.mark.slow
 def test_several_limits_of_one_subject_have_a_topic_each(everything: tuple[Path, Path]) -> None:
     log, file = everything
     topics = {m.topic for m in annotated(log, load_result(file), str(ROOT / "examples/all_monitors.yaml"))}

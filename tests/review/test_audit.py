@@ -109,6 +109,7 @@ FALSIFIED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new", "items", "sums"), FALSIFIED, ids=[new for _, new, *_ in FALSIFIED])
 def test_a_falsified_item_is_named_and_nothing_else(
     tmp_path: Path, old: str, new: str, items: str, sums: str
@@ -120,6 +121,7 @@ def test_a_falsified_item_is_named_and_nothing_else(
     assert audited.differs
 
 
+@pytest.mark.slow
 def test_a_wrong_number_made_consistent_still_differs_from_the_log(tmp_path: Path) -> None:
     text = changed("Product pose score: [1]", "Product pose score: [2]")
     text = text.replace("[21]", "[24]").replace("[28]", "[31]").replace("score: 28", "score: 31")
@@ -131,6 +133,7 @@ def test_a_wrong_number_made_consistent_still_differs_from_the_log(tmp_path: Pat
     assert "total_game_score" in told(audited, DIFFER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("taken", "verdict"), [("14", AGREE), ("14.001", DIFFER), ("12", AGREE), ("11.999", DIFFER)]
 )
@@ -144,6 +147,7 @@ def test_times_agree_within_the_second_that_the_rule_set_states(
     assert "simulated seconds" in item.because
 
 
+@pytest.mark.slow
 def test_what_the_log_does_not_show_cannot_be_judged(tmp_path: Path) -> None:
     trial = kitting_trial()
     first, second = trial.submissions
@@ -159,6 +163,7 @@ def test_what_the_log_does_not_show_cannot_be_judged(tmp_path: Path) -> None:
     assert items["", "total_game_score"].verdict == CANNOT_BE_JUDGED
 
 
+@pytest.mark.slow
 def test_a_shipment_on_the_wrong_agv_is_worth_0_whatever_it_held(tmp_path: Path) -> None:
     trial = kitting_trial()
     first, second = (replace(submission, agv="agv4") for submission in trial.submissions)
@@ -190,6 +195,7 @@ def test_a_label_nobody_knows_is_listed_and_not_passed_over(tmp_path: Path) -> N
     assert (item.verdict, item.reason) == (CANNOT_BE_JUDGED, "the rule set does not say what this is")
 
 
+@pytest.mark.slow
 def test_an_order_that_the_log_does_not_have_cannot_be_judged(tmp_path: Path) -> None:
     audited = audit(bundle(tmp_path / "run", TEXT_2020.replace("order_1", "order_9")))
 
@@ -225,6 +231,7 @@ def test_a_margin_below_the_rounding_of_a_state_log_decides_nothing(margin_m: fl
 # Real texts ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_only_public_run_agrees_as_far_as_it_can_be_judged(shared: Path) -> None:
     audited = audit(shared / "ariac/data/nist_team_2022")
     items = {(item.path, item.label): item for item in audited.items}
@@ -537,6 +544,7 @@ def test_a_rule_set_inherits_items_but_not_the_layout(tmp_path: Path) -> None:
 # The command ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_says_with_its_exit_code_whether_all_agrees(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -553,6 +561,7 @@ def test_the_command_says_with_its_exit_code_whether_all_agrees(
     assert main(["audit", str(good), "--rules", "ariac1999"]) == 4
 
 
+@pytest.mark.slow
 def test_the_json_keeps_its_schema_and_its_bytes(tmp_path: Path) -> None:
     run, file = bundle(tmp_path / "run", changed("bonus: [2]", "bonus: [3]")), tmp_path / "audit.json"
 
@@ -617,6 +626,7 @@ def test_a_comparison_tells_which_points_why_and_what_nobody_explains(tmp_path: 
     assert not comparison.undecided
 
 
+@pytest.mark.slow
 def test_the_documented_rules_are_compared_without_being_asked(tmp_path: Path) -> None:
     audited = audit(bundle(tmp_path / "run"))
     text = audit_text(audited)
@@ -626,6 +636,7 @@ def test_the_documented_rules_are_compared_without_being_asked(tmp_path: Path) -
     assert schema_errors(json.loads(AUDIT.text(audited)), "audit") == []
 
 
+@pytest.mark.slow
 def test_a_rule_set_that_is_its_own_comparison_changes_nothing(tmp_path: Path) -> None:
     (comparison,) = audit(bundle(tmp_path / "run"), against="ariac2020.as_coded").comparisons
 

@@ -221,6 +221,7 @@ def test_the_command_says_which_laws_hold(capsys: pytest.CaptureFixture[str]) ->
     assert "320 random cases, seed 0" in out
 
 
+@pytest.mark.slow
 def test_the_command_fails_for_a_broken_law_and_goes_on_to_the_next_rule_set(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -284,6 +285,7 @@ def test_what_is_broken_and_said_to_be_is_told_with_its_reason_and_fails_all_the
     assert "does not say" not in out
 
 
+@pytest.mark.slow
 def test_a_file_that_is_silent_about_what_it_breaks_is_told_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

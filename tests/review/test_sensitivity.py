@@ -100,6 +100,7 @@ def test_numbers_of_monitors_need_the_log_and_unused_ones_are_said_to_be(
     assert found(stored)["separation.delta_m"].skipped == NEEDS_LOG
 
 
+@pytest.mark.slow
 def test_with_the_log_a_monitor_is_asked_again(stored: Path) -> None:
     each = found(stored, log=EXAMPLE)
 
@@ -111,6 +112,7 @@ def test_with_the_log_a_monitor_is_asked_again(stored: Path) -> None:
     assert not any(one.skipped for one in each.values())
 
 
+@pytest.mark.slow
 def test_a_number_its_monitor_refuses_gives_no_score(stored: Path, tmp_path: Path) -> None:
     rules = _file(tmp_path, HEAD + "ranges: {separation.delta_m: [-1, 3]}\n")
 
@@ -252,6 +254,7 @@ def test_the_text_names_value_and_teams(competition: Path, capsys: pytest.Captur
     assert "cost_weight = 1: the score does not use it" in out
 
 
+@pytest.mark.slow
 def test_the_text_of_a_score_names_what_matters_most_first(
     stored: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -302,6 +305,7 @@ def logged(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_parameter_of_a_monitor_at_which_two_teams_change_places_is_found(
     logged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -316,6 +320,7 @@ def test_the_parameter_of_a_monitor_at_which_two_teams_change_places_is_found(
     assert not any("skipped" in number for number in numbers.values())
 
 
+@pytest.mark.slow
 def test_a_value_that_a_monitor_refuses_leaves_no_ranking_there(
     logged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -327,6 +332,7 @@ def test_a_value_that_a_monitor_refuses_leaves_no_ranking_there(
     assert shift["after"] == {"far": 2, "near": 1}
 
 
+@pytest.mark.slow
 def test_results_without_their_logs_leave_the_parameters_of_monitors_alone(
     logged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

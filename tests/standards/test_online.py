@@ -354,6 +354,7 @@ def test_who_is_known_to_be_no_robot_is_not_watched() -> None:
 ONLINE = ("one_by_one", "instant_by_instant", "standings", "nothing_stepped", "repeated_time")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "monitor",
     [

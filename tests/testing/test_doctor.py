@@ -81,6 +81,7 @@ def found(capsys: pytest.CaptureFixture[str]) -> str:
     return problems
 
 
+@pytest.mark.slow
 def test_what_is_shipped_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert ailments() == []
     assert main(["plugins", "doctor"]) == 0
@@ -169,6 +170,7 @@ def test_a_distribution_for_another_version_of_ours_is_named(
     assert [("and 0.1.0 is installed" in each.problem) for each in ailments()] == ([True] if ill else [])
 
 
+@pytest.mark.slow
 def test_a_distribution_without_metadata_is_named(install: Install, tmp_path: Path) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE)
     (tmp_path / "odd-rules-1.0/odd_rules-1.0.dist-info/METADATA").unlink()
@@ -285,6 +287,7 @@ def test_a_budget_that_is_not_kept_is_named(install: Install, capsys: pytest.Cap
     assert "plugin odd.rule (odd-rules 6.6) ran longer than its budget" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_check_can_be_made_on_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = write_trial_log(tmp_path / "mine.jsonl", kitting_trial(), signals=["speed/robot"])
 
@@ -294,6 +297,7 @@ def test_a_check_can_be_made_on_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "kept    cut_off" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_monitor_is_checked_on_a_log_without_orders_and_a_rule_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

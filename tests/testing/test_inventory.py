@@ -139,6 +139,7 @@ ILL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ILL)
 def test_what_is_wrong_with_each_kind_is_named(install: Install, kind: str) -> None:
     source, words = ILL[kind]

@@ -19,6 +19,7 @@ DOCS = Path(__file__).parents[2] / "docs/plugins"
 REGISTRY = Registry()
 
 
+@pytest.mark.slow
 def test_the_pages_of_the_documentation_are_current() -> None:
     """When this fails: python -m ariac_score.testing.docs docs/plugins."""
     made = dict(pages("ariac-score"))

@@ -107,6 +107,7 @@ def test_what_a_page_shows_must_be_in_the_output(output: str, shown: str, missed
     assert shown_in(output.split(), shown.split()) == missed
 
 
+@pytest.mark.slow
 def test_a_strangers_monitor_installed_as_a_package_takes_part_in_a_score(
     environment: Any, tmp_path: Path
 ) -> None:

@@ -422,6 +422,7 @@ def test_a_log_on_another_clock_keeps_what_needs_no_time() -> None:
     assert ("other_clock", "text", 3) in [(d.kind, d.where, d.count) for d in whole.log_defects]
 
 
+@pytest.mark.slow
 def test_an_order_of_very_many_products_is_taken_at_once() -> None:
     """Looking for each slot among all others would take hours."""
     products = tuple(WantedProduct(f"part_{number}", "gear") for number in range(300_000))
