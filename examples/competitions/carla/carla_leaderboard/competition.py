@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ariac_score import Trial
+from ariac_score import Fact, Trial
 
 __all__ = ["Leaderboard"]
 
@@ -37,7 +37,7 @@ class Leaderboard:
         from ariac_score.testing import made_trial  # noqa: PLC0415  # no score needs it
         from carla_leaderboard.route import KINDS, Route  # noqa: PLC0415
 
-        facts = {"length_m": 1000.0, "duration_s": 60.0, "status": "Completed"}
+        facts: dict[str, Fact] = {"length_m": 1000.0, "duration_s": 60.0, "status": "Completed"}
         faults = {kind: (f"{kind}: 40.0% of the route",) for kind in KINDS}
         routes = (
             Route("route_0", facts, 100.0, dict.fromkeys(KINDS, ())),
