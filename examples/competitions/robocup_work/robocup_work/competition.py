@@ -49,25 +49,18 @@ class RoboCupWork:
 
         places = {"source": "WS01", "target": "WS02"}
         things = Item("M20_1", "object", {"type": "M20", **places}), Item("M30_1", "object", {**places})
-        seen = [
-            ("reached", "WS01", ""),
-            ("grasped", "M20_1", ""),
-            ("placed", "M20_1", "WS02"),
-            ("lost", "M30_1", ""),
-        ]
+        seen = (
+            Event(5.0, "reached", "WS01"),
+            Event(10.0, "grasped", "M20_1"),
+            Event(15.0, "placed", "M20_1", "WS02"),
+            Event(20.0, "lost", "M30_1"),
+        )
         made = made_trial()
         return replace(
             made,
             work=(Item("task_1", "task", places, things, announced_s=1.0),),
             submissions=(),
-            events=tuple(
-                sorted(
-                    (
-                        *made.events,
-                        *(Event(5.0 * k, kind, a, b) for k, (kind, a, b) in enumerate(seen, start=1)),
-                    )
-                )
-            ),
+            events=tuple(sorted((*made.events, *seen))),
             witnessed=made.witnessed | set(KINDS),
             facts={"test": "BMT", "objects": "real", "time_limit_s": 300.0},
         )
