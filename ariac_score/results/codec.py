@@ -24,7 +24,7 @@ import msgspec
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import DataFileError, ResultError
 
-__all__ = ["MAX_BYTES", "Format", "as_text", "encodable", "plain"]
+__all__ = ["MAX_BYTES", "Format", "as_text", "encodable", "leave_out_empty", "plain"]
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -100,6 +100,17 @@ def _on_one_line(found: re.Match[str]) -> str:
 def plain(value: Any) -> Any:
     """A value as JSON has it: dictionaries, lists, texts, numbers; amounts stay decimal."""
     return msgspec.to_builtins(value, builtin_types=(Decimal,), enc_hook=_as_plain)
+
+
+def leave_out_empty(document: Any, *names: str) -> None:
+    """Leave fields of a dataclass out of its JSON where they are empty; called in its `__post_init__`.
+
+    So a document of a version that did not know the field has the same bytes when it is written again.
+    The value is then that of the class, which is the default: a field that has one as a factory has none.
+    """
+    for name in names:
+        if not getattr(document, name):
+            document.__dict__.pop(name, None)
 
 
 def encodable(value: Any) -> Any:

@@ -12,7 +12,9 @@ from msgspec import Meta, Struct
 
 from ariac_score.checks.findings import SIGNIFICANT_DIGITS, Finding, canonical, canonical_span, settled
 from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import OpenFindings, settled_open
 from ariac_score.errors import ResultError
+from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.notebook import result_html
 from ariac_score.results.sketch import Sketch
 from ariac_score.scoring.cohort import CohortValues
@@ -162,6 +164,8 @@ class Measured:
             ledger compares with. Empty in results of versions that kept none.
         watched: From the first to the last time that the logs tell of, s of trial time: no finding lies
             outside. `None` where they tell of none, and in results of versions that did not keep it.
+        open: For each check and subject whose findings depend on what the logs do not show, those of the
+            best and of the worst world; where a world is priced, they replace those in `findings`.
     """
 
     trial: str
@@ -180,6 +184,7 @@ class Measured:
     settings: Mapping[str, Settings] | None = None
     measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=dict)
     watched: Span | None = None
+    open: tuple[OpenFindings, ...] = ()
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -200,9 +205,11 @@ class Measured:
                 }
                 for check, own in self.measures.items()
             },
+            "open": tuple(map(settled_open, self.open)),
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
+        leave_out_empty(self, "open")
 
     def to_frame(self) -> Any:
         """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.

@@ -96,6 +96,8 @@ def measured_sha256(result: Result) -> str:
             for key, finding in measured["findings"].items()
         },
     }
+    if measured["open"]:  # not where nothing is: files of decisions hold hashes from before
+        stated["open"] = measured["open"]
     data = encodable({"inputs": plain(result.provenance.inputs), "measured": stated})
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
     return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -17,9 +17,12 @@ from msgspec import Meta, structs
 
 from ariac_score import Finding, Result, as_json, load_result, score_trial
 from ariac_score.checks.findings import FrozenMap, Verdict
+from ariac_score.checks.open_findings import Cause, OpenFindings
 from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.results.codec import Format, as_text
+from ariac_score.results.result_file import RESULT, measured_sha256
+from ariac_score.trial.spans import Span
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"
@@ -374,3 +377,36 @@ def test_a_trace_leaves_out_what_says_nothing(result: Result) -> None:
     bare = structs.replace(result.ledger, children=(), trace=None, findings=(), subject="")
 
     assert set(json.loads(as_text(bare))) == {"path", "label", "kind", "amount", "value"}
+
+
+# What a log leaves open --------------------------------------------------------------------
+
+
+def test_what_is_open_is_stored_with_both_its_worlds_and_read_as_it_was() -> None:
+    """Numbers are rounded as those of findings are, and decisions made before it became known do not hold."""
+    result = load_result(EXAMPLE)
+    clean = Finding("arm/ann", Verdict.SATISFIED, "far away", robustness=1 / 3, unit="m", check="separation")
+    broken = replace(clean, verdict=Verdict.VIOLATED, robustness=-1 / 3, span=Span(0.1 + 0.2, 0.4))
+    opened = OpenFindings(
+        "separation",
+        "arm/ann",
+        best={"separation#best1": clean},
+        worst={"separation#worst1": broken},
+        causes=(Cause("a gap of 97 ms on /snapshot", "/snapshot", (Span(0.1 + 0.2, 0.397),)),),
+        tight=True,
+    )
+
+    measured = replace(result.measured, open=(opened,))
+    again = RESULT.decoded(RESULT.text(replace(result, measured=measured)).encode(), EXAMPLE)
+
+    assert again.measured.open == measured.open
+    assert '"open"' not in as_json(result)  # as in documents of versions that did not know it
+    assert again.measured.open[0].worst["separation#worst1"].span == Span(0.3, 0.4)
+    assert measured_sha256(again) != measured_sha256(result)
+
+
+def test_an_open_finding_of_another_check_is_refused() -> None:
+    other = Finding("arm/ann", Verdict.SATISFIED, "far away", check="contact")
+
+    with pytest.raises(ValueError, match="'contact' about 'arm/ann' stands among the open ones of 'sep"):
+        OpenFindings("separation", "arm/ann", best={"separation#best1": other})

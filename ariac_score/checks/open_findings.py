@@ -1,0 +1,75 @@
+"""What a log leaves open about a check and a subject: what it would find in the best and in the worst world.
+
+Between two samples the world goes on. What could have happened there lies between two extremes, and each
+of them is stated as the findings of a world of its own: a price is known as soon as both give the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from ariac_score.checks.findings import Finding, canonical_span, settled
+from ariac_score.trial.frozen import FrozenMap
+from ariac_score.trial.spans import Span
+
+__all__ = ["Cause", "OpenFindings", "settled_open"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why something is open.
+
+    Attributes:
+        text: For people, such as `12 gaps of 51 to 97 ms on /snapshot`.
+        source: Where what is missing would have been recorded, such as the topic; empty when unknown.
+        spans: When, s of trial time.
+    """
+
+    text: str
+    source: str = ""
+    spans: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True)
+class OpenFindings:
+    """What a check finds about a subject in the two extreme worlds that the log allows.
+
+    In either world they replace everything that the check found about the subject.
+
+    Attributes:
+        check: Its name.
+        subject: Whom it is about.
+        best: Its findings in the best world, by id such as `separation#best1`.
+        worst: Those in the worst world, by id such as `separation#worst1`.
+        causes: Why it is open.
+        tight: Whether each end is that of one world that may have been; otherwise both are outer bounds.
+    """
+
+    check: str
+    subject: str
+    best: Mapping[str, Finding] = field(default_factory=dict)
+    worst: Mapping[str, Finding] = field(default_factory=dict)
+    causes: tuple[Cause, ...] = ()
+    tight: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "best", FrozenMap(dict(self.best)))
+        object.__setattr__(self, "worst", FrozenMap(dict(self.worst)))
+        object.__setattr__(self, "causes", tuple(self.causes))
+        for finding in (*self.best.values(), *self.worst.values()):
+            if (finding.check, finding.subject) != (self.check, self.subject):
+                raise ValueError(
+                    f"a finding of {finding.check!r} about {finding.subject!r} stands among the open ones "
+                    f"of {self.check!r} about {self.subject!r}"
+                )
+
+
+def settled_open(one: OpenFindings) -> OpenFindings:
+    """The same with its numbers as they are stored."""
+    return replace(
+        one,
+        best={key: settled(finding) for key, finding in one.best.items()},
+        worst={key: settled(finding) for key, finding in one.worst.items()},
+        causes=tuple(replace(c, spans=tuple(map(canonical_span, c.spans))) for c in one.causes),
+    )
