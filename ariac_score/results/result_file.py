@@ -96,7 +96,7 @@ def measured_sha256(result: Result) -> str:
             for key, finding in measured["findings"].items()
         },
     }
-    if measured["open"]:  # not where nothing is: files of decisions hold hashes from before
+    if "open" in measured:  # not where nothing is: files of decisions hold hashes from before
         stated["open"] = measured["open"]
     data = encodable({"inputs": plain(result.provenance.inputs), "measured": stated})
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
