@@ -68,6 +68,7 @@ def price_trial(
         task=priced.task,
         cohort=cohort,
         missing=priced.missing,
+        interval=priced.interval,
     )
 
 

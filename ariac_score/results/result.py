@@ -18,6 +18,7 @@ from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.notebook import result_html
 from ariac_score.results.sketch import Sketch
 from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
@@ -166,6 +167,8 @@ class Measured:
             outside. `None` where they tell of none, and in results of versions that did not keep it.
         open: For each check and subject whose findings depend on what the logs do not show, those of the
             best and of the worst world; where a world is priced, they replace those in `findings`.
+        unofficial: In words, why nothing official can follow from this; such as that the log is cut off,
+            and was scored as far as it can be read.
     """
 
     trial: str
@@ -185,6 +188,7 @@ class Measured:
     measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=dict)
     watched: Span | None = None
     open: tuple[OpenFindings, ...] = ()
+    unofficial: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -209,7 +213,7 @@ class Measured:
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
-        leave_out_empty(self, "open")
+        leave_out_empty(self, "open", "unofficial")
 
     def to_frame(self) -> Any:
         """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.
@@ -320,6 +324,7 @@ class Result:
         adjusted: The score after decisions of stewards; all the rest is the automatic result, untouched.
         ledger_method: `slopes`, as docs/ledger.md says; `sequence` where the version that wrote it took
             products apart factor by factor, in written order.
+        interval: The scores that the log allows, where it leaves any open; `None` where all are the score.
     """
 
     measured: Measured
@@ -339,6 +344,12 @@ class Result:
     missing: str = ""
     adjusted: Adjusted | None = None
     ledger_method: Annotated[str, Meta(pattern="^(sequence|slopes)$")] = SLOPES
+    interval: ScoreInterval | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the log leaves the score open: there is none, or others are possible as well."""
+        return self.interval is not None or self.status == "incomplete"
 
     @property
     def is_former(self) -> bool:
@@ -385,3 +396,4 @@ class Result:
         adjusted = self.adjusted
         if adjusted is not None and adjusted.ledger is not None and adjusted.score is not None:
             reconcile(adjusted.ledger, adjusted.score, digits=self.digits)
+        leave_out_empty(self, "interval")

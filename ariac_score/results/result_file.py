@@ -441,7 +441,7 @@ def check_follows(result: Result) -> None:
     again, stored = (
         (
             *((_amount(e.ledger), _amount(e.task)) if result.is_former else (e.ledger, e.task)),
-            *(e.status, e.missing, e.possible, e.assumptions),
+            *(e.status, e.missing, e.possible, e.assumptions, e.interval),
         )
         for e in (priced, result)
     )

@@ -14,6 +14,7 @@ from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
 from ariac_score.scoring.cohort import CohortValues, Contribution
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, Traced
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
@@ -39,6 +40,7 @@ class Priced:
             else than what its checks ask for, and what could have been earned is not known.
         assumptions: What was made of undecided findings.
         missing: In words, what the score needs from all teams or what no record states.
+        interval: The scores that the log allows, where it leaves any open.
     """
 
     status: str
@@ -47,6 +49,7 @@ class Priced:
     possible: Decimal | None
     assumptions: tuple[Assumption, ...]
     missing: str = ""
+    interval: ScoreInterval | None = None
 
 
 @dataclass(frozen=True)
