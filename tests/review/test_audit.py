@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from ariac_score.results.result import Measured
 from ariac_score.review.audit import AGREE, AUDIT, CANNOT_BE_JUDGED, DIFFER, STATE_LOG_ROUNDING, Audit, audit
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression
+from ariac_score.scoring.ruleset import installed_rule_sets
 from ariac_score.scoring.scope import Scope
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.trial.clock import Clock
@@ -59,6 +61,14 @@ def wrong_sums(audited: Audit) -> set[str]:
 
 def listed(names: str) -> set[str]:
     return set(names.split(", ")) if names else set()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _installed_once() -> Iterator[None]:
+    """What is installed does not change while these tests run, and to load all of it takes a second."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("ariac_score.review.audit.installed_rule_sets", cache(installed_rule_sets))
+        yield
 
 
 # Against the log -----------------------------------------------------------------------
