@@ -19,6 +19,7 @@
     │   ├── OtherUnitError          6  a number of an event is in another unit than a check asks for
     │   └── MissingSignalError      6  a check needs a signal that the log does not contain
     ├── ResultError                 6  a stored result is damaged or does not add up
+    │   └── NoResultError           5  there is no such file
     └── BatchError                  7  a batch could not be finished; what it has done is kept
 
 The exit codes are those of the command line (see `ariac_score.cli`).
@@ -39,6 +40,7 @@ __all__ = [
     "LogMapError",
     "MissingSignalError",
     "NeedsCohortError",
+    "NoResultError",
     "NothingToScoreError",
     "OtherFactError",
     "OtherUnitError",
@@ -231,6 +233,12 @@ class ResultError(ScoreError):
     """A stored result is damaged, or its ledger does not add up to its score."""
 
     exit_code = 6
+
+
+class NoResultError(ResultError):
+    """There is no file where a stored result, or another document of ours, is looked for."""
+
+    exit_code = 5
 
 
 class BatchError(ScoreError):

@@ -21,9 +21,7 @@ def register(commands: Any) -> None:
         description="Apply an adjustments.yaml to a stored result. The automatic result stays in it "
         "unchanged, and both are shown. Without ADJUSTMENTS, print a file to start from.",
     )
-    parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
-    )
+    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument(
         "adjustments", nargs="?", type=Path, metavar="ADJUSTMENTS", help="adjustments.yaml of the stewards"
     )

@@ -25,9 +25,7 @@ def register(commands: Any) -> None:
         "RViz: state and margin of every monitor, violations as markers, and messages, on the log's clock.",
     )
     parser.add_argument("path", type=Path, metavar="LOG", help="the log or bundle the result was made from")
-    parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
-    )
+    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the .mcap to write")
     parser.add_argument(
         "--rules", default="", metavar="NAME", help="rule set instead of the one in the result"

@@ -51,7 +51,7 @@ def changed_by_results(folder: Path, rules: Pair) -> Iterator[str]:
         raise UsageError(
             "there is no stored result here",
             file=folder,
-            hint="give a folder of results that 'score --output-format json' or 'rank --results' wrote",
+            hint="give a folder of results that 'score -o FILE.json' or 'rank --results' wrote",
         )
     needed = False
     for file in files:

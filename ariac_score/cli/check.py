@@ -64,6 +64,9 @@ def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
         yield style(plain(name), "bold") + style(f" can be scored {under}", "green")
     else:
         yield style(plain(name), "bold") + style(f" cannot be scored {under}", "red")
+    for topics in found.missing:
+        yield f"  {style('record   ', 'bold')}{plain(topics.words)}"
+        yield f"           for {', '.join(topics.checks)}"
     # Checks that lack the same thing share a line.
     alike: dict[tuple[str, str, str], list[str]] = {}
     for lack in found.lacks:
@@ -86,6 +89,10 @@ def _data(found: Readiness) -> dict[str, Any]:
         "lacks": [
             {"what": lack.what, "effect": lack.effect, "cause": lack.cause, "remedy": lack.remedy}
             for lack in found.lacks
+        ],
+        "missing_topics": [
+            {"topics": list(one.topics), "need": "all" if one.all_of else "one", "checks": list(one.checks)}
+            for one in found.missing
         ],
         "decided": list(found.decided),
         "notes": list(found.notes),

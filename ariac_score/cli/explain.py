@@ -20,9 +20,7 @@ def register(commands: Any) -> None:
         description="Show the ledger of a stored result; or, with PATH, one line, item of work, check or "
         "finding with everything that it rests on.",
     )
-    parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
-    )
+    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument(
         "path",
         nargs="?",

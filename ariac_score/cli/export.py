@@ -24,7 +24,7 @@ def register(commands: Any) -> None:
         "result",
         type=Path,
         metavar="RESULT|BATCH",
-        help="JSON written by 'score --output-format json'; or the folder of a batch",
+        help="JSON written by 'score -o FILE.json'; or the folder of a batch",
     )
     parser.add_argument(
         "--table", choices=TABLES, default="runs", help="which table of a batch; default: runs"

@@ -11,7 +11,7 @@ from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import counted, is_quiet
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare, words_of
-from ariac_score.engine.read import competition_of, find_trial, read_trial
+from ariac_score.engine.read import competition_of, find_trial, no_work_found, read_trial
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
@@ -97,7 +97,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
                 registry,
                 quantities=[*QUANTITIES, *mapping.quantities],
                 progress=progress,
-                work=prepared is not None and prepared.rule_set.about_work,
+                work=False,  # what moves is worth knowing of a log without work too
             )
     except NothingToScoreError as error:
         return ["", f"As a trial: {error.cause} — {error.hint}"]
@@ -121,6 +121,9 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     lines += [f"  not recorded: {plain(item)}" for item in trial.unrecorded]
     slow = [defect for defect in trial.log_defects if defect.kind == "decoded_one_by_one"]
     lines += [f"  note: {plain(defect.where)}: {plain(defect.message)}" for defect in slow]
+    if prepared and prepared.rule_set.about_work and not trial.work:
+        found = no_work_found(bundle, trial, words, mapping)
+        return [*lines, "", f"Under rule set {prepared.rule_set.id}: {found.cause}", f"  {plain(found.hint)}"]
     if prepared:
         lines += ["", f"Under rule set {prepared.rule_set.id}"]
         lines += [f"  {check:<20} {plain(answer)}" for check, answer in decidable(trial, prepared)]

@@ -23,9 +23,7 @@ def register(commands: Any) -> None:
         description="Price a stored result under other rules. Only prices may differ: every check of the "
         "rule set must have been measured with the same parameters.",
     )
-    parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
-    )
+    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument("--rules", required=True, metavar="NAME", help="rule set: a name or a .yaml file")
     add_cohort(parser)
     add_output(parser)

@@ -17,7 +17,7 @@ from ariac_score.cli.site import (
     site_of_ranking,
 )
 from ariac_score.cli.stored import is_log, result_given
-from ariac_score.errors import ResultError, UsageError
+from ariac_score.errors import NoResultError, ResultError, UsageError
 from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.results.result_file import as_json
 from ariac_score.terminal.output import refuse_inputs, write
@@ -117,6 +117,8 @@ def _extract(arguments: argparse.Namespace) -> int:
     hint = "give a page that 'ariac-score report' made of a trial's result"
     try:
         stored = embedded_result(arguments.result.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise NoResultError("no such file", file=arguments.result, hint="check the path") from None
     except (OSError, UnicodeDecodeError) as cause:
         reason = getattr(cause, "strerror", None) or "it is not text"
         raise ResultError(f"cannot be read: {reason}", file=arguments.result, hint=hint) from None

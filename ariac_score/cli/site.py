@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
-from ariac_score.errors import ScoreError, UsageError
+from ariac_score.errors import RuleSetError, ScoreError, UsageError
 from ariac_score.ranking.compare import differences
 from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for
 from ariac_score.ranking.publication import Publication, load_publication, ranking_json
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sensitivity",
         metavar="FILE|now",
-        help="competition or ranking: show this output of 'sensitivity --output-format json'; "
+        help="competition or ranking: show this output of 'sensitivity -o FILE.json'; "
         "'now' computes it, which may take minutes",
     )
     parser.add_argument(
@@ -97,8 +97,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(competition.rules)
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     previous = _previous(arguments)
-    grid = dict(map(_values, arguments.what_if or ())) or competition.what_if
-    check_grid(competition, rule_set, grid, registry_for(competition))
+    grid = _grid(arguments, competition, rule_set)
     with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
         results = score_runs(
             competition,
@@ -140,7 +139,7 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
     if arguments.sensitivity == NOW:
         raise UsageError(
             "a stored ranking has no runs to vary parameters of",
-            hint="give the output of 'sensitivity COMPETITION --output-format json'",
+            hint="give the output of 'sensitivity COMPETITION -o FILE.json'",
         )
     if arguments.rules or arguments.adjustments or arguments.what_if:
         given = "--rules" if arguments.rules else "--adjustments" if arguments.adjustments else "--what-if"
@@ -193,6 +192,25 @@ def _sensitivity(
         assert results is not None
         return rank_sensitivity(competition, rule_set, results, registry=registry_for(competition))
     return load_rank_sensitivity(Path(arguments.sensitivity), ranking.competition, ranking.rule_set)
+
+
+def _grid(
+    arguments: argparse.Namespace, competition: Competition, rule_set: RuleSet
+) -> Mapping[str, Sequence[float]]:
+    """The numbers to vary and their values: those of the command line, or else of the competition.
+
+    Raises:
+        RuleSetError: They cannot be computed; named by the option where it is at fault.
+    """
+    given = dict(map(_values, arguments.what_if or ()))
+    grid = given or competition.what_if
+    try:
+        check_grid(competition, rule_set, grid, registry_for(competition))
+    except RuleSetError as error:
+        if given:
+            error.file, error.place = "--what-if", ""
+        raise
+    return grid
 
 
 def _what_if(

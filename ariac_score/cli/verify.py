@@ -28,9 +28,7 @@ def register(commands: Any) -> None:
         description="Check schema, sums, hashes and versions of a stored result; with its log, also compute "
         "everything again and compare to the byte. Exit code 0: it holds; 1: something does not.",
     )
-    parser.add_argument(
-        "result", type=Path, metavar="RESULT", help="JSON written by 'score --output-format json'"
-    )
+    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument(
         "--log",
         type=Path,

@@ -304,12 +304,16 @@ def _competition(rule_set: RuleSet, registry: Registry) -> PreparedCheck | None:
 def log_map_of(rule_set: RuleSet, instead: str = "", registry: Registry | None = None) -> LogMap:
     """The log map of a rule set, named relative to the folder of its file, or another one instead.
 
+    Whoever names another one names it from where they stand, as every other path.
+
     Raises:
         LogMapError: There is no such log map, or it is malformed.
     """
+    if instead:
+        return load_log_map(instead, registry=registry)
     try:
-        return load_log_map(instead or rule_set.log_map, beside=Path(rule_set.file).parent, registry=registry)
+        return load_log_map(rule_set.log_map, beside=Path(rule_set.file).parent, registry=registry)
     except LogMapError as error:
-        if not instead and not error.file:
+        if not error.file:
             error.file, error.place = rule_set.file, "$.log_map"
         raise

@@ -33,11 +33,13 @@ from ariac_score.trial.words import Words
 from ariac_score.trial.work import Fact
 
 __all__ = [
+    "MOTION_RULES",
     "built_of",
     "call_hook",
     "competition_of",
     "find_trial",
     "no_progress",
+    "no_work_found",
     "plugins_of_log_map",
     "read_needed",
     "read_trial",
@@ -58,6 +60,10 @@ ENDED_WITHOUT_SCORE: Mapping[str, str] = {
     "cancelled": "the run was cancelled by its user, and no score was recorded",
 }
 """The outcomes after which an official text holds no score, in words."""
+
+
+MOTION_RULES = "safety"
+"""The rule set that is offered for a log in which nothing was to be done."""
 
 
 def no_progress(_done: float) -> None:
@@ -212,14 +218,18 @@ def read_trial(
     if competition and hasattr(competition.check, "complete"):
         trial = call_hook(competition.plugin, competition.check.complete, trial)
     if work and not trial.work:
-        words = words_of(competition)
-        raise NothingToScoreError(
-            f"no {words.one(words.outermost)} was found",
-            file=bundle.root,
-            hint=_no_work_hint(bundle, trial, words),
-        )
+        raise no_work_found(bundle, trial, words_of(competition), log_map)
     progress(1.0)
     return trial
+
+
+def no_work_found(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -> NothingToScoreError:
+    """The error about a trial in which nothing was to be done, with what to record."""
+    return NothingToScoreError(
+        f"no {words.one(words.outermost)} was found",
+        file=bundle.root,
+        hint=_no_work_hint(bundle, trial, words, log_map),
+    )
 
 
 def _refuse_without_record(bundle: Bundle) -> None:
@@ -357,9 +367,17 @@ class _Guarded:
         return trial
 
 
-def _no_work_hint(bundle: Bundle, trial: Trial, words: Words) -> str:
-    looked = f"; not in the log: {', '.join(trial.unrecorded)}" if trial.unrecorded else ""
+def _no_work_hint(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -> str:
+    """What to record or to add; topics first, each once."""
+
+    def is_about(named: str, topic: str) -> bool:
+        return f"{named} ".startswith(f"topic {topic} ")
+
+    decoded = [channel.topic for channel in log_map.channels if channel.decoder and not channel.optional]
+    topics = [topic for topic in decoded if any(is_about(named, topic) for named in trial.unrecorded)]
+    others = [named for named in trial.unrecorded if not any(is_about(named, topic) for topic in topics)]
+    what = " and ".join(topics) or f"what names its {words.many(words.outermost)}"
+    alone = f"; what moves in it can be judged alone: --rules {MOTION_RULES}" if trial.bodies else ""
     read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
-    many = words.many(words.outermost)
-    remedy = f"or record the {many} topic" if words.hands_in else f"or what else names its {many}"
-    return f"read: {read}{looked}; add the trial configuration {remedy}"
+    looked = f"; also not in the log: {', '.join(others)}" if others else ""
+    return f"record {what}, or add the trial configuration{alone}; read: {read}{looked}"

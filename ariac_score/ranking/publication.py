@@ -478,7 +478,7 @@ PUBLICATION = Format(
     Publication,
     before={2: _from_2},
     shapes={2: _Ranking2},
-    made_by="'rank --output-format json'",
+    made_by="'rank -o FILE.json'",
 )
 """How a ranking is stored."""
 

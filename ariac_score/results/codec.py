@@ -22,7 +22,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from ariac_score.documents.schema import strict_json
-from ariac_score.errors import DataFileError, ResultError
+from ariac_score.errors import DataFileError, NoResultError, ResultError
 
 __all__ = ["MAX_BYTES", "Format", "as_text", "encodable", "leave_out_empty", "plain"]
 
@@ -209,6 +209,9 @@ class Format(Generic[T]):
             if file.stat().st_size > MAX_BYTES:
                 raise self._too_large(file)
             document = file.read_bytes()
+        except FileNotFoundError:
+            missing = NoResultError if issubclass(self.error, ResultError) else self.error
+            raise missing("no such file", file=file, hint="check the path") from None
         except OSError as cause:
             raise self.error(f"cannot be read: {cause.strerror}", file=file, hint="check the path") from None
         except ValueError as cause:  # a name no file can have, such as one with a null byte

@@ -336,7 +336,7 @@ RESULT = Format(
     before={1: _from_1, 2: _from_2},
     shapes={1: _Result1},
     error=ResultError,
-    made_by="'score --output-format json'",
+    made_by="'score -o FILE.json'",
 )
 """How a result is stored."""
 

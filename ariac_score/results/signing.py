@@ -103,7 +103,7 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     """The signature of a result; the same result, key and comment give the same bytes.
 
     Args:
-        result: As `score --output-format json` wrote it. It is checked to be whole first.
+        result: As `score -o FILE.json` wrote it. It is checked to be whole first.
         key: The secret key.
         comment: The signer's comment; by default the name of the file. It is signed too.
         password: Called for the password of an encrypted key.

@@ -176,7 +176,7 @@ class Audit:
         return self.counts[verdict]
 
 
-AUDIT = Format("audit", 2, Audit, made_by="'audit --output-format json'")
+AUDIT = Format("audit", 2, Audit, made_by="'audit -o FILE.json'")
 """How an audit is stored."""
 
 

@@ -5,8 +5,8 @@ For teams before they submit: the same reading and the same checks as for the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ariac_score.checks.findings import Verdict
@@ -15,11 +15,10 @@ from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.read import Progress, find_trial
 from ariac_score.engine.score import score_trial
 from ariac_score.results.result import Result
+from ariac_score.review.missing_topics import MissingTopics, gives, grouped, missing_topics, work_topics
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.trial.channels import Channel
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.spans import Span
-from ariac_score.trial.vocabulary import quantity_of
 from ariac_score.trial.words import HANDED_IN
 
 __all__ = ["Lack", "Readiness", "check_log"]
@@ -38,13 +37,15 @@ class Lack:
         effect: `withholds` the score; `costs` points or the whole score by the rules;
             `nothing`, because the score does not depend on it.
         cause: Why it is undecided.
-        remedy: What to record; empty where no topic is known to help.
+        remedy: What it needs, and which recorded topics are for it; empty where nothing is known to help.
+        topics: The topics that it needs and that are not in the log.
     """
 
     what: str
     effect: str
     cause: str
     remedy: str = ""
+    topics: tuple[MissingTopics, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,11 @@ class Readiness:
     def ready(self) -> bool:
         """Whether it can be scored; where scores compare teams, by whoever has all logs."""
         return all(lack.effect != "withholds" for lack in self.lacks)
+
+    @property
+    def missing(self) -> list[MissingTopics]:
+        """The topics to record, each named once."""
+        return grouped(topics for lack in self.lacks for topics in lack.topics)
 
 
 def check_log(
@@ -119,7 +125,8 @@ def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
         policy = policies.get(check)
         effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"
         words = cause + _and_others(spans.get(check, []))
-        yield Lack(check, effect, words, _remedy(check, prepared, recorded))
+        topics = tuple(missing_topics(check, prepared, recorded))
+        yield Lack(check, effect, words, _remedy(check, prepared, recorded), topics)
     if result.status == "incomplete" and result.missing:
         yield Lack("score", "withholds", result.missing, "add the trial configuration, or record the orders")
 
@@ -144,43 +151,39 @@ def _recorded(path: Path, registry: Registry) -> frozenset[str]:
 
 
 def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
-    """The topics that would have decided a check, in words."""
+    """What would have decided a check, in words, as far as its topics are recorded."""
     log_map = prepared.log_map
     needs = [need for need in prepared.checks[check].needs if not need.optional]
     if not needs:
-        topics = [channel.topic for channel in log_map.channels if channel.decoder]
+        topics = [topic for topic in work_topics(log_map) if topic in recorded]
         words = prepared.words
         handed = f" and {words.many(HANDED_IN)}" if words.hands_in else ""
-        return _words(topics, recorded, f"its {words.many(words.outermost)}{handed} come from")
+        said = f"its {words.many(words.outermost)}{handed} come from {', '.join(topics)}"
+        return said if topics else ""
     wanted = source_quantities((need.quantity for need in needs), prepared.brought)
-    giving = [channel for channel in log_map.channels if _gives(channel, wanted)]
-    topics = [channel.topic for channel in giving if not channel.as_consumed]
+    giving = [channel.topic for channel in log_map.channels if gives(channel, wanted, log_map)]
     signals = ", ".join(sorted({need.quantity for need in needs}))
-    if giving and not topics:  # to record it once more would help nobody
-        only = " and ".join(channel.topic for channel in giving[:4])
+    consumed = [
+        channel.topic
+        for channel in log_map.channels
+        if channel.as_consumed and gives(replace(channel, as_consumed=False), wanted, log_map)
+    ]
+    if consumed and not giving:  # to record it once more would help nobody
+        only = " and ".join(consumed[:4])
         return f"it needs {signals} over time; {only} gives it as consumed: map it without 'as_consumed'"
     # The strictest need: a topic that meets it meets the others.
     gap_s = min(need.max_gap_s for need in needs)
-    return _words(topics, recorded, f"it needs {signals} without gaps longer than {gap_s:g} s, from")
-
-
-def _gives(channel: Channel, wanted: Iterable[str]) -> bool:
-    quantities = frozenset(wanted)
-    return bool(channel.poses and "position" in quantities) or any(
-        quantity_of(mapped.signal) in quantities for mapped in channel.signals
-    )
-
-
-def _words(topics: list[str], recorded: frozenset[str], need: str) -> str:
-    if not topics:
-        return ""
-    shown = [f"{topic} ({'recorded' if topic in recorded else 'not recorded'})" for topic in topics]
-    return f"{need} {' or '.join(shown[:4])}"
+    there = [topic for topic in dict.fromkeys(giving) if topic in recorded]
+    from_there = f"; recorded for it: {', '.join(there)}" if there else ""
+    return f"it needs {signals} without gaps longer than {gap_s:g} s{from_there}"
 
 
 def _notes(result: Result) -> Iterator[str]:
     if result.status == "needs_cohort":
         yield f"the score needs all teams: {result.missing}"
+    for words in result.measured.unrecorded:
+        if ": " in words:  # otherwise a topic is missing, which is said of the checks that need it
+            yield words
     for defect in result.measured.log_defects:
         yield f"{defect.where}: {defect.message} ({defect.count})"
     if result.provenance.ignored:

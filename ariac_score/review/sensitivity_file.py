@@ -18,7 +18,7 @@ from ariac_score.scoring.ruleset import RuleSet
 __all__ = ["load_rank_sensitivity", "sensitivity_json"]
 
 _FORMAT, _VERSION = "ariac-score sensitivity", 1
-_HINT = "give what 'sensitivity COMPETITION --output-format json' wrote for this competition"
+_HINT = "give what 'sensitivity COMPETITION -o FILE.json' wrote for this competition"
 
 
 class _Header(Struct, frozen=True):

@@ -22,6 +22,7 @@ from ariac_score.engine.score import score_trial
 from ariac_score.engine.settings import plain_value
 from ariac_score.errors import (
     LocalPluginError,
+    NoResultError,
     NothingToScoreError,
     PluginError,
     ResultError,
@@ -187,16 +188,19 @@ def _read(path: Path) -> tuple[str, Any]:
         raise NothingToScoreError(
             "it is a folder, not a result",
             file=path,
-            hint="name the JSON file that 'score --output-format json' wrote",
+            hint="name the JSON file that 'score -o FILE.json' wrote",
         )
     try:
         text = path.read_text(encoding="utf-8")
         return text, strict_json(text)
+    except FileNotFoundError:
+        hint = "check the path; it is relative to the current folder"
+        raise NoResultError("no such file", file=path, hint=hint) from None
     except OSError as cause:
         raise ResultError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:
         raise ResultError(
-            f"not a result: {cause}", file=path, hint="give the JSON that 'score --output-format json' wrote"
+            f"not a result: {cause}", file=path, hint="give the JSON that 'score -o FILE.json' wrote"
         ) from None
 
 

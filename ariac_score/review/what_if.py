@@ -187,7 +187,7 @@ def _levers(
     levers: list[Lever] = []
     skipped: dict[str, str] = {}
     for name, values in grid.items():
-        knob = knobs.get(name) or _given_nowhere(rule_set, name, knobs)
+        knob = knobs.get(name) or _given_nowhere(competition, name, knobs)
         steps = tuple(sorted({float(value) for value in values} | {knob.base}))
         stated = rule_set.parameters.get(name)
         unit, meaning = ("" if stated.unit == "1" else stated.unit, stated.meaning) if stated else ("", "")
@@ -209,10 +209,10 @@ def _levers(
     return levers, skipped
 
 
-def _given_nowhere(rule_set: RuleSet, name: str, knobs: Mapping[str, Knob]) -> Knob:
+def _given_nowhere(competition: Competition, name: str, knobs: Mapping[str, Knob]) -> Knob:
     raise RuleSetError(
         f"the rule set has no number {name!r} to vary",
-        file=rule_set.file,
+        file=str(competition.file),
         place="$.what_if",
         hint=did_you_mean(name, list(knobs), what="it has"),
     )

@@ -341,7 +341,11 @@ def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
     assert "centre_distance/robot/human" in out
     assert "no order was found" not in out
     assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
-    assert "no order was found" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "no order was found" in out
+    assert "centre_distance/robot/human" in out
+    assert "--rules safety" in out
+    assert main(["score", str(tmp_path / "x.jsonl"), "--rules", "safety"]) == 0
 
 
 def test_a_rule_set_whose_log_map_names_a_decoder_that_is_not_installed_is_not_sound(
@@ -451,6 +455,39 @@ def test_a_log_in_the_place_of_a_result_is_told_apart(
         first, then = err.partition("hint: score it first: ")[2].split("; then: ")
         assert first == f"ariac-score score {log} --rules NAME -o {log.stem}.json"
         assert then == f"ariac-score {name} {log.stem}.json\n"
+
+
+def test_a_log_map_is_named_from_where_one_stands_and_a_rule_set_names_its_own_from_its_file(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rules").mkdir()
+    (tmp_path / "rules/apart.yaml").write_text(MONITORS_ONLY.format(log_map="./here.yaml"), encoding="utf-8")
+    for name, folder in (("here", tmp_path / "rules"), ("ours", tmp_path)):
+        text = f"{{id: {name}, title: t, source: s, extends: ariac2020}}"
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    command = ["score", log.name, "--rules", "rules/apart.yaml", "--output-format", "json"]
+
+    for option, used in ([], "here"), (["--log-map", "ours.yaml"], "ours"):
+        assert main([*command, *option]) == 0
+        assert json.loads(capsys.readouterr().out)["provenance"]["log_map"]["id"] == used
+    assert main([*command, "--log-map", "here.yaml"]) == 4
+    assert "here.yaml" in capsys.readouterr().err
+
+
+def test_a_result_that_is_not_there_is_nothing_to_show(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (["report"], ["verify"], ["explain"], ["price", "--rules", "paper2020"]):
+        assert main([*command, "nothere.json"]) == 5
+        assert "error: nothere.json: no such file" in capsys.readouterr().err
+
+
+def test_a_slip_in_what_if_is_named_by_its_option(capsys: pytest.CaptureFixture[str]) -> None:
+    competition = str(ROOT / "examples/competition/2025")
+
+    assert main(["report", competition, "-o", "nowhere", "--what-if", "colision=1,2"]) == 4
+    error = capsys.readouterr().err
+    assert error.startswith("error: --what-if: the rule set has no number 'colision' to vary\nhint: ")
+    assert "rules.yaml" not in error
 
 
 def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_gazebo_models_give_positions_velocities_and_followed_links(tmp_path: Pa
     assert trial.signals["position/person_1::head"].values.tolist() == [[1.0, 0.0, 0.0]]
     assert "position/person_1::toe" not in trial.signals
     assert trial.bodies == (Body("person_1", "human", links=("head",)),)
-    assert trial.unrecorded == ("model gantry: no recorded model matches",)
+    assert trial.unrecorded == ("model gantry: no recorded model matches; recorded models: ground, person_1",)
 
 
 def test_progress_ends_at_one(tmp_path: Path) -> None:

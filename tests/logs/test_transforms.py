@@ -204,7 +204,7 @@ def test_a_link_belongs_to_the_nearest_matching_frame_above_it() -> None:
 
 def test_a_pattern_that_matches_no_frame_is_told() -> None:
     assert settled(tree_of((0.0, transform("world", "rail", (0, 0, 0))))).unrecorded == [
-        "frame torso: no recorded frame matches"
+        "frame torso: no recorded frame matches; recorded frames: rail, world"
     ]
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from ariac_score import load_rule_set
 from ariac_score.cli import main
+from ariac_score.review.missing_topics import MissingTopics, grouped
 from ariac_score.review.readiness import Readiness, check_log
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
@@ -43,8 +44,37 @@ def test_what_is_missing_is_named_with_the_topics_it_comes_from(without_humans: 
     assert {lack.what for lack in found.lacks} == {"separation", "human_contact"}
     for lack in found.lacks:
         assert lack.effect == "withholds"
-        assert "/snapshot (not recorded)" in lack.remedy
     assert "without gaps longer than 0.05 s" in found.lacks[0].remedy
+    (missing,) = found.missing  # both need the same, and a topic is named once
+    assert missing.words == "one of /snapshot, /gazebo/model_states, /gazebo/link_states, /tf"
+    assert missing.checks == ("separation", "human_contact")
+
+
+def test_a_topic_that_several_checks_lack_is_named_once_and_before_any_cause(tmp_path: Path) -> None:
+    left_out = {"/snapshot", "/ariac_score/events"}
+    messages = [m for m in recorded_messages(kitting_trial()) if m.topic not in left_out]
+    found = ready(write_bag(tmp_path / "trial.mcap", messages, storage="mcap"))
+
+    assert [(one.words.partition(",")[0], one.all_of) for one in found.missing] == [
+        ("/ariac_score/events", True),
+        ("one of /snapshot", False),
+    ]
+    topics = [topic for one in found.missing for topic in one.topics]
+    assert len(topics) == len(set(topics))
+
+
+def test_of_alternatives_the_fewest_that_help_all_are_named() -> None:
+    need = [
+        MissingTopics(("/odom", "/tf"), False, ("speed",)),
+        MissingTopics(("/tf",), False, ("separation",)),
+        MissingTopics(("/orders",), True, ("kit",)),
+        MissingTopics(("/orders", "/done"), True, ("time",)),
+    ]
+
+    assert [(one.words, one.checks) for one in grouped(need)] == [
+        ("all of /orders, /done", ("kit", "time")),
+        ("/tf", ("separation", "speed")),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -87,6 +117,7 @@ def test_the_exit_code_and_the_text_say_it(without_humans: Path, capsys: pytest.
     out = capsys.readouterr().out
     assert "trial.mcap cannot be scored under paper2020" in out
     assert "separation: trial:" in out
+    assert out.index("record   one of /snapshot,") < out.index("trial:")
 
     assert main(["check", str(without_humans), "--rules", "paper2020", "--output-format", "json"]) == 6
     data = json.loads(capsys.readouterr().out)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import partial
 from keyword import iskeyword
 from operator import attrgetter
@@ -28,6 +29,7 @@ from ariac_score.logs.gather.collected_columns import (
     clock_key,
     columns_for,
 )
+from ariac_score.logs.gather.message_fields import NUMBER, nearest, number_paths, value_at
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
@@ -43,6 +45,9 @@ __all__ = ["Collector", "MessageRoute"]
 _STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 """Simulators publish the state ten times a second, and several states mean that the competition runs or is
 over. Of consecutive messages with the same meaning only the first is an event."""
+
+_LIKE = 0.85
+"""How alike the name of a recorded topic must be to one that is not recorded to be taken for it."""
 
 _POSE_TYPES = {
     "frames": ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"),
@@ -80,6 +85,7 @@ class Collector:
         self._routes: dict[Connection, MessageRoute] = {}
         self._pending = Pending()
         self._number = 0
+        self._others: set[str] = set()
         self.share = 0.0
 
     def _stamped(self, channel: Channel) -> Channel:
@@ -119,6 +125,7 @@ class Collector:
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
         if not intakes:
+            self._others.add(f"/{connection.topic.lstrip('/')}")
             return
         alone = ""
         try:
@@ -289,7 +296,7 @@ class Collector:
         due: set[str] = set()
         for intake in self._intakes:
             if intake.recorded or intake.channel.topic not in taken:
-                builder.unrecorded.extend(intake.unrecorded())
+                builder.unrecorded.extend(intake.unrecorded(self._others))
                 due |= set() if intake.channel.optional else intake.bodies()
         for body in self._wanted.log_map.bodies:
             if body.id in received:
@@ -479,8 +486,12 @@ class _Intake:
         """Whether the recording has the topic, with messages of the channel's type."""
         return bool(self._types)
 
-    def unrecorded(self) -> Iterator[str]:
-        """What the channel should have delivered and did not, in words."""
+    def unrecorded(self, others: Iterable[str]) -> Iterator[str]:
+        """What the channel should have delivered and did not, in words.
+
+        Args:
+            others: The recorded topics that no channel takes, one of which may have been meant.
+        """
         topic = f"topic {self.channel.topic}"
         if not self._types:
             if self.channel.optional:
@@ -489,7 +500,9 @@ class _Intake:
                 found = ", ".join(sorted(self._other_types))
                 yield f"{topic} ({self._type or self.channel.poses}): it is recorded as {found or 'no type'}"
             else:
-                yield f"{topic} ({self._type})" if self._type else topic
+                near = get_close_matches(self.channel.topic, sorted(others), n=1, cutoff=_LIKE)
+                meant = f": did you mean {near[0]!r}?" if near else ""
+                yield (f"{topic} ({self._type})" if self._type else topic) + meant
         for type_, reason in self.unknown.items():
             yield f"{topic} ({type_}): {reason}"
         if self.undecodable and not self.received:
@@ -601,29 +614,21 @@ def _getter(path: str) -> Callable[[object], object]:
 
 
 def _number(value: object) -> float:
-    if not isinstance(value, (bool, int, float, np.number)):
+    if not isinstance(value, NUMBER):
         raise TypeError(f"{type(value).__name__} is no number")
     return float(value)
 
 
 def _lack(message: object, field_map: FieldMap, type_: str) -> str:
-    """Which field of a message is missing or not a number, and which fields there are."""
+    """Which field of a message is missing or not a number, and which there are."""
     for path in field_map.fields:
-        found = message
-        for name in path.split("."):
-            there = _fields(found)
-            if name not in there:
-                return (
-                    f"{type_} has no field {path!r} for {field_map.signal}; "
-                    f"instead of {name!r} there is {', '.join(there) or 'nothing'}"
-                )
-            found = _getter(name)(found)
-        if not isinstance(found, (bool, int, float, np.number)):
-            return f"field {path!r} of {type_} is not a number, so it is not {field_map.signal}"
+        try:
+            found = value_at(message, path)
+        except AttributeError:
+            wrong = f"{type_} has no field {path!r} for {field_map.signal}"
+        else:
+            if isinstance(found, NUMBER):
+                continue
+            wrong = f"field {path!r} of {type_} is not a number, so it is not {field_map.signal}"
+        return f"{wrong}; {nearest(path, number_paths(message), what='fields')}"
     return f"{type_} does not give {field_map.signal}"
-
-
-def _fields(message: object) -> list[str]:
-    if not is_dataclass(message):
-        return []
-    return [f.name.rstrip("_") for f in fields(message) if f.name != "__msgtype__"]

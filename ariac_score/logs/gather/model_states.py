@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.containers.items import IntArray
+from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.logs.gather.transforms import Retimed, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
@@ -114,7 +115,10 @@ class ModelPoses:
         """Hand positions, velocities and bodies to the builder."""
         if self._received:
             unmatched = [m.match for m in self._matches if m.match not in self._matched]
-            builder.unrecorded.extend(f"model {pattern}: no recorded model matches" for pattern in unmatched)
+            there = sorted({name.partition("::")[0] for name in self._tracks})
+            for pattern in unmatched:
+                meant = nearest(pattern, there, what="recorded models")
+                builder.unrecorded.append(f"model {pattern}: no recorded model matches; {meant}")
         for name in sorted(self._tracks):
             track = self._tracks[name]
             if track is not None:

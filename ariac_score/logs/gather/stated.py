@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any
 
 from ariac_score.checks.contracts import Decoder
+from ariac_score.logs.gather.message_fields import nearest, number_paths, value_at
 from ariac_score.trial.channels import Channel
 from ariac_score.trial.events import WATCHING, Event, EventNumber
 from ariac_score.trial.work import Fact
@@ -72,6 +72,7 @@ def _number(message: object, path: str) -> float:
 
 def _field(message: object, path: str) -> Any:
     try:
-        return reduce(getattr, path.split("."), message)
+        return value_at(message, path)
     except AttributeError:
-        raise ValueError(f"it has no field {path!r}") from None
+        there = nearest(path, number_paths(message), what="fields")
+        raise ValueError(f"it has no field {path!r}; {there}") from None

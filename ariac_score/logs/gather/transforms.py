@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gather.array_growth import GrowthForecast
+from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
@@ -327,9 +328,14 @@ class TransformTree:
         for match in matches:
             found = list(self._matched(match))
             if not found:
-                builder.unrecorded.append(f"frame {match.match}: no recorded frame matches")
+                there = nearest(match.match, sorted(self._names()), what="recorded frames")
+                builder.unrecorded.append(f"frame {match.match}: no recorded frame matches; {there}")
             for frame, body in found:
                 self._settle_frame(builder, origin_ns, frame, body)
+
+    def _names(self) -> set[str]:
+        """All frames, those at the roots as well."""
+        return set(self._edges).union(*self._edges.values())
 
     def _matched(self, match: BodyMatch) -> Iterator[tuple[str, Body]]:
         """The frames that match, each with its body; the frame of a link with a body that names the link."""
