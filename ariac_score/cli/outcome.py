@@ -9,11 +9,13 @@ from decimal import Decimal
 from pathlib import Path
 
 from ariac_score.checks.findings import Verdict
+from ariac_score.engine.ask import ONLY_OFFICIAL
 from ariac_score.errors import UsageError, did_you_mean
 from ariac_score.report.exports import export_names, exported
 from ariac_score.report.text import score_text
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
+from ariac_score.review.readiness import taking_the_official_text
 from ariac_score.scoring.steward import with_verdicts
 from ariac_score.terminal.output import write
 from ariac_score.terminal.style import Style, plain, style_for
@@ -22,6 +24,8 @@ __all__ = ["FORMAT_HELP", "add_output", "failed_criteria", "show"]
 
 EXIT_CRITERION = 1
 EXIT_UNDECIDED = 6
+MOST_NAMED = 4
+"""More findings that one cause leaves undecided share a line."""
 FORMAT_HELP = "default: text; json for -o FILE.json"
 """Which of both is the default says `ariac_score.cli.main`."""
 OWN_FORMATS = ("text", "json")
@@ -78,15 +82,28 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 
 
 def _print_what_withholds(result: Result) -> None:
-    withheld = [assumption for assumption in result.assumptions if assumption.policy == "withhold"]
-    for assumption in withheld:
-        print(f"undecided: {assumption.finding}: {plain(assumption.message)}", file=sys.stderr)
+    withheld: dict[str, list[str]] = {}
+    for assumption in result.assumptions:
+        if assumption.policy == "withhold":
+            withheld.setdefault(assumption.message, []).append(assumption.finding)
+    for message, found in withheld.items():
+        for named in found if len(found) <= MOST_NAMED else [_and_more(found)]:
+            print(f"undecided: {named}: {plain(message)}", file=sys.stderr)
+    if ONLY_OFFICIAL in withheld:
+        others = taking_the_official_text(result)
+        if others:
+            names = " or ".join(others)
+            print(f"hint: {names} takes what the official text prints: --rules {others[0]}", file=sys.stderr)
     for what in result.measured.unrecorded if withheld else ():
         print(f"not recorded: {plain(what)}", file=sys.stderr)
     if result.missing:
         print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)
     if result.status == "needs_cohort":
         print("hint: give the organisers' cohort with --cohort, or rank all teams", file=sys.stderr)
+
+
+def _and_more(found: list[str]) -> str:
+    return f"{', '.join(found[: MOST_NAMED - 1])} and {len(found) - MOST_NAMED + 1} more"
 
 
 def failed_criteria(result: Result, criteria: list[str]) -> list[str]:

@@ -25,7 +25,7 @@ from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.words import Words
 from ariac_score.trial.work import WorkItem, paths_at
 
-__all__ = ["BUDGET_S", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
+__all__ = ["BUDGET_S", "ONLY_OFFICIAL", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
 
 Notice = Callable[[str, str], None]
 
@@ -35,6 +35,9 @@ BUDGET_S = 30.0
 SMALLEST_LOG_SAMPLES = 100_000
 """A shorter log is allowed the time of one of this length, for calls and imports cost time too."""
 
+
+ONLY_OFFICIAL = "what it asked for is not recorded, only its official score"
+"""Why nothing about an item is decided that is known from an official text alone."""
 
 MOST_FINDINGS = 250_000
 """A check that gives more is taken for one that never ends; a result of so many could not be read again."""
@@ -244,7 +247,7 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) 
         yield Finding.not_applicable("trial", words.none_announced(level))
     for path, item in items:
         if getattr(item, "outline", False) and not getattr(check, "reads_official", False):
-            yield Finding.inconclusive(path, "what it asked for is not recorded, only its official score")
+            yield Finding.inconclusive(path, ONLY_OFFICIAL)
             continue
         spoken = False
         for finding in _not_none(check.judge(trial, item)):

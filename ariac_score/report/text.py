@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
+from ariac_score.report.places import Places
 from ariac_score.report.summary import summary_of
-from ariac_score.report.words import words_of
+from ariac_score.report.words import label_of, words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.decimals import in_own_decimals
@@ -22,6 +23,7 @@ from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
 from ariac_score.terminal.style import Style, plain
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.signals import Sample
 
 __all__ = ["amount_text", "explain_text", "score_text"]
@@ -76,7 +78,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     if measured.window is not None:
         span = measured.window
         times = f"{span.start_s:.3f} s to {span.end_s:.3f} s ({span.duration_s:.3f} s)"
-        yield style(f"{plain(words_of(result).period)} from {times}, {plain(measured.clock)}", "dim")
+        clock = str(replace(Clock.parse(measured.clock), origin_ns=None))
+        yield style(f"{plain(words_of(result).period)} from {times}, {plain(clock)}", "dim")
     official = measured.official
     if official is not None and official.total is not None:
         yield from _official(result, official.total, style)
@@ -138,10 +141,12 @@ def _ledger(result: Result, style: Style) -> Iterator[str]:
     ledger = result.ledger or result.task
     if ledger is not None:
         yield style("Why" if result.ledger else "Why the task score", "bold")
-        yield from _ledger_lines(ledger.children or (ledger,), style, depth=1, deepest=5)
+        yield from _ledger_lines(ledger.children or (ledger,), style, Places(result), depth=1, deepest=5)
 
 
-def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: int) -> Iterator[str]:
+def _ledger_lines(
+    lines: Sequence[Line], style: Style, places: Places, *, depth: int, deepest: int
+) -> Iterator[str]:
     # Single findings are listed below with their cause; here they would bury the amounts.
     for line in lines:
         if line.kind == "neutral" or line.path.endswith("/neutral"):
@@ -149,12 +154,20 @@ def _ledger_lines(lines: Sequence[Line], style: Style, *, depth: int, deepest: i
         if line.kind == "factor" and line.value == 1 and not line.amount:
             continue  # of a ledger of the former method: a gate that is open
         shown = _worth_showing(line)
-        yield _ledger_line(shown, style, depth)
+        yield _ledger_line(structs.replace(shown, label=_spoken(shown, places), subject=""), style, depth)
         inner = shown.children
         if all(child.findings for child in inner) and not shown.path.endswith("/taken"):
             inner = tuple(child for child in inner if child.kind == "factor")
         if depth < deepest and inner:
-            yield from _ledger_lines(inner, style, depth=depth + 1, deepest=deepest)
+            yield from _ledger_lines(inner, style, places, depth=depth + 1, deepest=deepest)
+
+
+def _spoken(line: Line, places: Places) -> str:
+    """The label of a line in the words of the competition."""
+    own = line.subject.rpartition("/")[2]
+    if own and line.path.endswith(f"/{own}"):
+        return places.own(line.subject)
+    return label_of(line)
 
 
 def _worth_showing(line: Line) -> Line:
@@ -208,10 +221,13 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
     ]
     if found:
         yield style("What cost points", "bold")
+        places = Places(result)
         timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
         for key, finding in timed[: 2 * _SHOWN]:
             cost = costs.get(key) or (f" (it earned {amount_text(earned[key])})" if earned.get(key) else "")
-            yield f"  {style(f'{key:<24}', 'red')} {_where(finding)}{plain(finding.message)}{cost}"
+            look = "red" if finding.verdict is Verdict.VIOLATED else "dim"
+            where = _where(finding, places.of(finding.subject))
+            yield f"  {style(f'{key:<24}', look)} {where}{plain(finding.message)}{cost}"
         yield from _more(len(timed) - 2 * _SHOWN, style)
 
 
@@ -231,9 +247,9 @@ def _costs(result: Result) -> dict[str, str]:
     return costs
 
 
-def _where(finding: Finding) -> str:
+def _where(finding: Finding, whom: str = "") -> str:
     when = f", {finding.span.start_s:.2f} s to {finding.span.end_s:.2f} s" if finding.span else ""
-    return f"{plain(finding.subject)}{when}: "
+    return f"{whom or plain(finding.subject)}{when}: "
 
 
 def _more(count: int, style: Style) -> Iterator[str]:

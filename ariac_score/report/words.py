@@ -6,10 +6,11 @@ from contextlib import suppress
 
 from ariac_score.errors import ScoreError
 from ariac_score.results.result import Result
+from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.words import Words
 
-__all__ = ["capital", "words_of"]
+__all__ = ["capital", "label_of", "words_of"]
 
 
 def words_of(result: Result) -> Words:
@@ -25,3 +26,12 @@ def words_of(result: Result) -> Words:
 def capital(words: str) -> str:
     """With a capital letter at the start."""
     return words[:1].upper() + words[1:]
+
+
+_SUMS = {"earned": "points earned", "taken": "points lost"}
+
+
+def label_of(line: Line) -> str:
+    """The label of a line of a ledger; of its two great sums in words that say what they are sums of."""
+    is_sum = line.path.count("/") == 1 and line.path.endswith(f"/{line.label}")
+    return _SUMS.get(line.label, line.label) if is_sum else line.label

@@ -16,12 +16,12 @@ from ariac_score.engine.read import Progress, find_trial
 from ariac_score.engine.score import score_trial
 from ariac_score.results.result import Result
 from ariac_score.review.missing_topics import MissingTopics, gives, grouped, missing_topics, work_topics
-from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.ruleset import RuleSet, installed_rule_sets, rule_set_from_text
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.spans import Span
 from ariac_score.trial.words import HANDED_IN
 
-__all__ = ["Lack", "Readiness", "check_log"]
+__all__ = ["Lack", "Readiness", "check_log", "taking_the_official_text"]
 
 
 def _no_progress(_done: float) -> None:
@@ -188,3 +188,26 @@ def _notes(result: Result) -> Iterator[str]:
         yield f"{defect.where}: {defect.message} ({defect.count})"
     if result.provenance.ignored:
         yield f"not read: {', '.join(result.provenance.ignored[:5])}"
+
+
+def taking_the_official_text(result: Result, registry: Registry | None = None) -> tuple[str, ...]:
+    """The installed rule sets of the same competition that need nothing but what its official text prints.
+
+    Args:
+        result: Made by rules that need more.
+        registry: What is installed, where the caller has it already.
+    """
+    registry = registry or Registry()
+    own = rule_set_from_text(result.rules, file="the rules in the result").competition
+    return tuple(
+        other.id
+        for other in installed_rule_sets(registry)
+        if own is not None and other.competition is not None
+        if (other.competition.use, other.competition.parameters) == (own.use, own.parameters)
+        if other.about_work and _takes_official_scores(other, registry)
+    )
+
+
+def _takes_official_scores(rules: RuleSet, registry: Registry) -> bool:
+    judging = [name for name, check in rules.checks.items() if check.group == "ariac_score.rules"]
+    return all(getattr(rules.plugin(name, registry).load(), "reads_official", False) for name in judging)

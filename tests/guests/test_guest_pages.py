@@ -54,7 +54,7 @@ def test_what_a_run_lost_by_its_time_alone_is_named_though_no_rule_was_broken(
 ) -> None:
     text = seen(page_of(guests / "barn/recording/world_42", "barn", tmp_path))
 
-    assert re.search(r"Had this been right .* navigation check navigation#1 \+0.19\b", text)
+    assert re.search(r"Had this been right .* navigation check navigation 1 \+0.19\b", text)
     capsys.readouterr()
     assert main(["score", str(guests / "barn/recording/world_42"), "--rules", "barn"]) == 0
     _, losses = capsys.readouterr().out.split("What cost points\n")
@@ -101,13 +101,13 @@ def test_a_page_names_a_trial_as_the_competition_does(guests: Path, tmp_path: Pa
     assert "Entry report" in entry
 
 
-def test_the_points_of_an_item_say_what_was_earned_and_what_was_taken_there(
+def test_the_points_of_an_item_say_what_was_earned_and_what_was_lost_there(
     guests: Path, tmp_path: Path
 ) -> None:
     text = seen(exact(page_of(guests / "robocup_work/recording/bmt_1", "robocup_work.bmt_2024", tmp_path)))
 
     # Grasped for 100; the loss, -95.137998, in the README of the guest.
-    assert "4.862002 points (100 earned, 95.137998 taken)" in text
+    assert "4.862002 points (100 earned, 95.137998 lost)" in text
 
 
 def test_text_and_messages_use_the_words_of_the_competition(

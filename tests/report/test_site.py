@@ -571,7 +571,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert "<figure" not in page[page.index('id="separation"') : page.index('id="work"')]
     coverage = seen(page[page.index('id="coverage"') : page.index('id="basis"')])
     assert (
-        "separation, human_contact: the log records every body, and there is no human among them" in coverage
+        "separation, human contact: the log records every body, and there is no human among them" in coverage
     )
     signals = page[page.index('id="coverage"') : page.index('id="idle"')]
     assert "position/robot" in signals
@@ -594,7 +594,7 @@ def test_where_it_is_not_known_whether_a_human_was_there_no_run_counts(tmp_path:
     page = seen((site / "trials/alpha/cell-1.html").read_text(encoding="utf-8"))
     assert "No score" in page
     assert "Monitors that had nothing to judge" not in page
-    assert "human_contact#1, no score until it is decided: the log shows no human" in page
+    assert "human contact 1, separation 1, no score until it is decided: the log shows no human" in page
 
 
 # From a competition --------------------------------------------------------------------

@@ -50,6 +50,7 @@ from ariac_score_ariac.testing import kitting_trial
 
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 RESULT = PAGES.EXAMPLE
+KITTING_1 = Path(__file__).parents[2] / "examples/competition/2024/logs/aurora/kitting_1"
 
 
 class _Tags(HTMLParser):
@@ -528,6 +529,40 @@ def test_submissions_of_an_official_record_are_shown_as_its_statement(example: R
         "not submitted by the official record"
     )
     assert _words(with_record(OfficialOrder("order_7"))).endswith("never submitted")
+
+
+def test_an_order_ends_on_the_timeline_when_the_official_text_says_that_it_was_handed_in() -> None:
+    """Example run of 2024: announced at 2 s, handed in at 210.662 s and 125.886 s, over at 211.162 s."""
+    timeline = timeline_of(score_trial(KITTING_1, "ariac2024.official"), [])
+
+    assert timeline is not None
+    ends_s = [2.11162 * (lane.blocks[0].left + lane.blocks[0].width) for lane in timeline.work]
+    assert ends_s == [pytest.approx(210.662, abs=1e-3), pytest.approx(125.886, abs=1e-3)]
+
+
+def test_an_official_text_of_another_clock_dates_by_how_long_an_order_took(example: Result) -> None:
+    measured = replace(example.measured, sketch=Sketch())
+
+    def end_of(announced_s: float | None, submitted_s: float) -> float:
+        summary = OfficialOrder("order_0", submitted=True, announced_s=announced_s, submitted_s=submitted_s)
+        official = OfficialResult("trial_log.txt", 1.0, None, summaries=(summary,))
+        result = replace(example, measured=replace(measured, official=official))
+        timeline = timeline_of(result, [])
+        assert timeline is not None
+        block = timeline.work[0].blocks[0]
+        return 0.5 + 0.375 * (block.left + block.width)  # the trial runs from 0.5 s to 38 s
+
+    # The log announces order_0 at 1 s; whatever the text's zero is, the order took 11.5 s.
+    assert end_of(100.0, 111.5) == pytest.approx(12.5, abs=1e-3)
+    assert end_of(None, 12.5) == pytest.approx(38.0)
+    assert end_of(100.0, 500.0) == pytest.approx(38.0)  # no time of this trial
+
+
+def test_where_the_score_waits_for_others_the_task_score_stands_on_top() -> None:
+    page = _page(score_trial(KITTING_1, "ariac2024.official"))
+
+    assert '<span class="score" id="score">22</span>' in page
+    assert "No score" not in page
 
 
 def test_a_log_that_cannot_show_submissions_does_not_claim_that_there_were_none(example: Result) -> None:

@@ -71,6 +71,7 @@ def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment
         points=wording.points,
         round_to=wording.round_to,
         seconds=wording.seconds,
+        spoken=wording.spoken,
         untrusted=wording.untrusted,
     )
     return environment

@@ -10,6 +10,7 @@ from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.wording import brief, seconds
 from ariac_score.report.words import words_of
 from ariac_score.results.result import Result
+from ariac_score.trial.model import OfficialOrder
 from ariac_score.trial.spans import Span
 from ariac_score.trial.words import HANDED_IN, Words
 
@@ -17,6 +18,8 @@ __all__ = ["Block", "Lane", "Timeline", "axis_of", "timeline_of"]
 
 MOST_BLOCKS = 400
 """A lane with more episodes than this shows the longest."""
+_CLOCKS_AGREE_S = 1.0
+"""A record that dates a submission later than this after the end is of another clock."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def _work(result: Result, scale: Scale, window: Span) -> Iterable[Lane]:
         said = f"announced at {seconds(start_s)}"
         if announced_s is None:
             said = "announced at an unknown time" if announced else ""
-        said += f", last {words.one(HANDED_IN)} at {seconds(handed[-1])}" if handed else otherwise
+        said += otherwise or (f", last {words.one(HANDED_IN)} at {seconds(handed[-1])}" if handed else "")
         end_s = handed[-1] if handed else window.end_s
         blocks = [Block("work", *scale.stretch(start_s, end_s), said.removeprefix(", "))]
         blocks += [Block("submitted", scale.at(t), 0.0, f"submitted at {seconds(t)}") for t in handed]
@@ -112,14 +115,11 @@ def _work(result: Result, scale: Scale, window: Span) -> Iterable[Lane]:
 
 
 def _handed_in(result: Result, item_id: str, words: Words) -> tuple[list[float], str]:
-    """The times, s, at which an item was handed in; without any, the end of a sentence that says why."""
+    """The times, s, at which an item was handed in; without any, the end of a sentence."""
     measured = result.measured
-    inside = {
-        inner.path.rpartition("/")[2]
-        for item in measured.scopes.inner
-        if item.path == item_id
-        for inner in item.inner
-    }
+    own = [item for item in measured.scopes.inner if item.path == item_id]
+    # What has nothing inside is handed in itself.
+    inside = {scope.path.rpartition("/")[2] for item in own for scope in (item, *item.inner)}
     brought = measured.sketch.brought if measured.sketch else ()
     handed = sorted(one.submitted_s for one in brought if one.item in inside)
     if handed:
@@ -127,15 +127,28 @@ def _handed_in(result: Result, item_id: str, words: Words) -> tuple[list[float],
     summaries = measured.official.summaries if measured.official else ()
     for summary in summaries:
         if summary.id == item_id and summary.submitted_s is not None:
-            return [], f", submitted at {seconds(summary.submitted_s)} by the official record"
+            return _by_the_record(result, summary)
         if summary.id == item_id and summary.submitted is not None:
             return [], f", {'' if summary.submitted else 'not '}submitted by the official record"
-    if not inside or not words.hands_in:
+    if not any(item.inner for item in own) or not words.hands_in:
         return [], ""
     # Only a log that would have shown submissions can say that there was none.
     if measured.sketch and "submissions" in measured.witnessed:
         return [], ", never submitted"
     return [], f", no {words.one(HANDED_IN)} is recorded"
+
+
+def _by_the_record(result: Result, summary: OfficialOrder) -> tuple[list[float], str]:
+    """When an official record dates the submission of an item; on the clock of the trial where known."""
+    assert summary.submitted_s is not None  # the caller has looked
+    said = f", submitted at {seconds(summary.submitted_s)} by the official record"
+    announced_s, window = result.measured.orders.get(summary.id), result.measured.window
+    if announced_s is None or summary.announced_s is None or window is None:
+        return [], said
+    # The record may count from another zero than the log; how long an item took is the same on both clocks.
+    at_s = announced_s + summary.submitted_s - summary.announced_s
+    inside = announced_s <= at_s <= window.end_s + _CLOCKS_AGREE_S
+    return ([min(at_s, window.end_s)] if inside else []), said
 
 
 def _monitor(name: str, result: Result, scale: Scale) -> Lane:

@@ -6,12 +6,14 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from decimal import Decimal
 from typing import Any
 
 from markupsafe import Markup
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.engine.ask import ONLY_OFFICIAL
 from ariac_score.report.html.charts import Chart, chart_of
 from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.panels import panels_of
@@ -35,6 +37,7 @@ from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.policy import POLICIES
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.words import Words
 
 __all__ = ["SCRIPT", "anchor", "embedded_result", "trial_page"]
@@ -89,6 +92,9 @@ def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTH
         falls=falls,
         chart_words=_chart_words,
         policies=POLICIES,
+        assumed=_assumed(result),
+        only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
+        clock=_clock(measured.clock),
         losses=losses[:MOST_LOSSES],
         loss_decimals=min(result.digits, 2),
         timeline=timeline_of(result, monitors, axis),
@@ -205,6 +211,39 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     moved: list[Decimal | None] = [line.amount for line in lines if line.kind == "factor"]
     decided = result.adjusted.adjustments
     return list(zip(decided, moved or [None] * len(decided), strict=True))
+
+
+def _assumed(result: Result) -> list[tuple[str, str, list[str]]]:
+    """What was assumed of undecided findings: the policy, the reason, and whom both concern."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for one in result.assumptions:
+        alike.setdefault((one.policy, one.message), []).append(one.finding)
+    return [(policy, message, found) for (policy, message), found in alike.items()]
+
+
+@dataclass(frozen=True)
+class _ClockShown:
+    """A clock in words: what it shows, how times were taken from it, and what is 0 s on the page."""
+
+    kind: str
+    detail: str
+    origin: str
+
+
+_SINCE_1970 = 10**18
+"""A clock that shows more ns than this counts from 1970: 2001 and later; simulated clocks show far less."""
+
+
+def _clock(said: str) -> _ClockShown:
+    clock = Clock.parse(said)
+    if clock.origin_ns is None:
+        return _ClockShown(clock.kind, clock.detail, "")
+    whole_s, ns = divmod(clock.origin_ns, 10**9)
+    exact = f"{whole_s}.{ns:09d}".rstrip("0").rstrip(".") + " s of that clock"
+    if clock.origin_ns < _SINCE_1970:
+        return _ClockShown(clock.kind, clock.detail, exact)
+    date = datetime.fromtimestamp(whole_s, tz=timezone.utc)
+    return _ClockShown(clock.kind, clock.detail, f"{date:%Y-%m-%d %H:%M:%S} UTC, {exact}")
 
 
 def _charts(result: Result, axis: Scale | None) -> tuple[list[Chart], int]:

@@ -9,6 +9,7 @@ from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import rounded_points
+from ariac_score.report.words import label_of
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
@@ -42,6 +43,7 @@ class Step:
         item: The path of the item of work whose sum it is; empty where it is none.
         span: When the worst of its findings was; `None` where that has no time, or nothing was violated.
         is_invisible: Whether it is rounding too small for the digits that are shown.
+        is_kept: Whether nothing that it rests on was violated, such as a run that took its time.
     """
 
     label: str
@@ -56,6 +58,7 @@ class Step:
     item: str = ""
     span: Span | None = None
     is_invisible: bool = False
+    is_kept: bool = False
 
     @property
     def words(self) -> str:
@@ -119,6 +122,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
                 line.subject if _is_of(line) else "",
                 _violated_at(line, findings),
                 line.kind == "rounding" and not round(line.amount, decimals),
+                _is_kept(line, findings),
             )
         )
     start = min(Decimal(0), ledger.amount)  # a negative score is a bar to the left of zero
@@ -134,6 +138,12 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
 def _violated_at(line: Line, findings: Mapping[str, Finding]) -> Span | None:
     spans = [findings[key].span for key in _worst_first(line, findings) if _is_violated(findings[key])]
     return spans[0] if spans else None
+
+
+def _is_kept(line: Line, findings: Mapping[str, Finding]) -> bool:
+    """Whether it rests on findings that violate nothing, such as a run that took longer than the best."""
+    found = [findings[key] for key in _worst_first(line, findings)]
+    return bool(found) and all(one.verdict is Verdict.SATISFIED for one in found)
 
 
 def _is_violated(finding: Finding) -> bool:
@@ -179,7 +189,7 @@ def _telling(line: Line) -> Sequence[Line]:
 
 def _label(line: Line) -> str:
     """The name of the item of work whose sum it is, else the line's own label."""
-    return _own(line) if _is_of(line) else line.label
+    return _own(line) if _is_of(line) else label_of(line)
 
 
 def _own(line: Line) -> str:

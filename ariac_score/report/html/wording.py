@@ -13,7 +13,7 @@ from ariac_score.report.figures import rounded_points
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
 
-__all__ = ["amount", "brief", "file_name", "number", "points", "round_to", "seconds", "untrusted"]
+__all__ = ["amount", "brief", "file_name", "number", "points", "round_to", "seconds", "spoken", "untrusted"]
 
 SHOWN_AT_ONCE = 240
 """Longer text is folded: its start is shown, and the whole on demand."""
@@ -55,6 +55,16 @@ def brief(text: object, longest: int = LONGEST_LABEL) -> str:
     """
     shown = plain(str(text))
     return shown if len(shown) <= longest else f"{shown[: longest - 1]}\u2026"
+
+
+def spoken(name: str) -> str:
+    """The name of a check as people write it; of a finding that of its check and which one it is.
+
+    >>> spoken("none_missing"), spoken("part_pose#2"), spoken("separation#1")
+    ('none missing', 'part pose 2', 'separation 1')
+    """
+    check, _, number = name.partition("#")
+    return f"{check.replace('_', ' ')} {number}".strip()
 
 
 def _grouped(count: int) -> str:
