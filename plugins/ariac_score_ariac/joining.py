@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from ariac_score import LogDefect, LogError, OfficialOrder, Record, TeamSetup, Trial, first_announced, only
+from ariac_score import (
+    LogDefect,
+    LogError,
+    OfficialOrder,
+    OfficialResult,
+    Record,
+    TeamSetup,
+    Trial,
+    first_announced,
+    only,
+)
+from ariac_score_ariac.stock.console import CONSOLE, CurrentScore, Said
+from ariac_score_ariac.stock.settling import Stock, stock_of
 from ariac_score_ariac.work import (
     FaultyProducts,
     KitSubmission,
@@ -17,6 +29,9 @@ from ariac_score_ariac.work import (
     orders_of,
     submissions_of,
 )
+
+_SAME_SUBMISSION_S = 2.0
+"""A recorder and the simulator stamp one submission at most so far apart: a call waits, a kit is checked."""
 
 __all__ = ["joined", "settle_orders", "with_irregularities"]
 
@@ -35,6 +50,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     orders = _orders(parts, first_announced(merged), file)
     bills = [record for part in parts for record in part.records if isinstance(record, SensorBill)]
     only("a sensor cost", [bill.cost for bill in bills], file)
+    stock = stock_of(merged, parts, orders, file)
     counted = only("a team set-up", [dict(bill.sensors) for bill in bills if bill.sensors is not None], file)
     only("a list of faulty products", [f for part in parts if (f := faulty_products(part)) is not None], file)
     known = {order.id for order in orders}
@@ -42,12 +58,19 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     message = "orders of the configuration were never announced in the log"
     defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
     defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
+    submissions, from_stock = _submissions(parts, stock, file)
+    defects += stock.defects if from_stock else []
+    # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
+    records = [record for part in parts for record in part.records] if from_stock else merged.records
     return replace(
         merged,
         work=orders,
-        submissions=_submissions(parts, file),
+        submissions=submissions,
         team=_with_sensors(merged.team, counted),
-        records=_each_once(merged),
+        official=_official(merged.official, stock.official, file),
+        events=tuple(sorted({*merged.events, *stock.events})),
+        witnessed=merged.witnessed - {CONSOLE} | stock.witnessed,
+        records=(*_each_once(records), *(stock.open if from_stock else ())),
         log_defects=tuple(sorted(defects)),
     )
 
@@ -162,17 +185,66 @@ def _completed(order: Order, configured: Order | None) -> Order:
     return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
 
 
-def _submissions(parts: Sequence[Trial], file: object) -> tuple[KitSubmission, ...]:
-    found = [submissions_of(part) for part in parts if part.submissions]
-    with_contents = [group for group in found if any(s.contents is not None for s in group)]
-    return only("submissions", with_contents or found, file) or ()
+def _submissions(
+    parts: Sequence[Trial], stock: Stock, file: object
+) -> tuple[tuple[KitSubmission, ...], bool]:
+    """What was handed in, and whether it is known from the simulator's own messages alone.
+
+    A recorder's messages count first, then the simulator's, then an official text, which has no contents.
+
+    Raises:
+        LogError: Two logs contradict each other, or messages leave out what the simulator shows.
+    """
+    found = [(submissions_of(part), part.official is None) for part in parts if part.submissions]
+    recorded = [group for group, of_recorder in found if of_recorder]
+    _refuse_left_out([s for group in recorded for s in group], stock, file)
+    if not recorded and (stock.submissions or stock.witnessed):
+        return stock.submissions, True
+    groups = recorded or [group for group, _ in found]
+    with_contents = [group for group in groups if any(s.contents is not None for s in group)]
+    return only("submissions", with_contents or groups, file) or (), False
 
 
-def _each_once(merged: Trial) -> tuple[Record, ...]:
-    """The records; two files may list the same faulty products, or the same cost."""
-    listed = [record for record in merged.records if isinstance(record, FaultyProducts)]
-    bills = [record for record in merged.records if isinstance(record, SensorBill)]
-    others = (r for r in merged.records if not isinstance(r, FaultyProducts | SensorBill))
+def _refuse_left_out(recorded: Sequence[KitSubmission], stock: Stock, file: object) -> None:
+    for shown in stock.submissions if recorded else ():
+        times = [s.submitted_s for s in recorded if s.item_id == shown.item_id]
+        if not any(abs(t_s - shown.submitted_s) <= _SAME_SUBMISSION_S for t_s in times):
+            raise LogError(
+                f"the simulator printed that {shown.item_id!r} was handed in at {shown.submitted_s:.3f} s, "
+                "and the recorder's messages do not have that",
+                file=file,
+                hint="they are not all there: score the recording without /ariac_score/submissions",
+            )
+
+
+def _official(
+    text: OfficialResult | None, said: OfficialResult | None, file: object
+) -> OfficialResult | None:
+    """The official result of a file, else that of the console, which must not be another.
+
+    Raises:
+        LogError: They differ in a score.
+    """
+    if text is None or said is None:
+        return text or said
+    scores = {order_id: score for order_id, score in said.orders.items() if order_id in text.orders}
+    other = sorted(order_id for order_id, score in scores.items() if text.orders[order_id] != score)
+    if other:
+        raise LogError(
+            f"{text.source} gives order {other[0]!r} {text.orders[other[0]]:g} points, "
+            f"the console {scores[other[0]]:g}",
+            file=file,
+            hint="a bundle is one trial: leave out the text that belongs to another",
+        )
+    return text
+
+
+def _each_once(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records, two files of which may list the same; without what was read off already."""
+    listed = [record for record in records if isinstance(record, FaultyProducts)]
+    bills = [record for record in records if isinstance(record, SensorBill)]
+    once = FaultyProducts | SensorBill | Said | CurrentScore
+    others = (record for record in records if not isinstance(record, once))
     return (*others, *listed[:1], *bills[:1])
 
 

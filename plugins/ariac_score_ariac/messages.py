@@ -22,6 +22,7 @@ __all__ = [
     "NistGear2020",
     "NistGear2021",
     "NistGear2022",
+    "OsrfGear2017",
     "OsrfGear2018",
 ]
 
@@ -68,13 +69,26 @@ class _Gear:
         raise NotImplementedError
 
 
-class OsrfGear2018(_Gear):
-    """Messages of ARIAC 2018 (`osrf_gear`): shipments that may leave on any AGV."""
+class OsrfGear2017(_Gear):
+    """Messages of ARIAC 2017 (`osrf_gear`): kits that may leave on any AGV."""
 
     def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
-        if name != "Order":
-            return None
-        return _gear_order(message, t_s, [_kit_task(s, s.shipment_type) for s in message.shipments])
+        if name == "Order":
+            kits = [Task(kit.kit_type, "kitting", _wanted(kit.objects)) for kit in message.kits]
+            # The simulator adds the orders up: nobody says a priority.
+            return _gear_order(message, t_s, kits)
+        return _tray_contents(message, t_s) if name == "TrayContents" else None
+
+
+class OsrfGear2018(_Gear):
+    """Messages of ARIAC 2018 (`osrf_gear`): shipments in boxes that a drone collects."""
+
+    def _decoded(self, name: str, message: Any, t_s: float) -> Order | Kit | None:
+        if name == "Order":
+            return _gear_order(message, t_s, [_kit_task(s, s.shipment_type) for s in message.shipments])
+        if name == "ShippingBoxContents":
+            return Kit(_box(message.shipping_box), t_s, _products(message.products))
+        return None
 
 
 class NistGear2020(_Gear):
@@ -84,6 +98,8 @@ class NistGear2020(_Gear):
         if name == "Order":
             tasks = [_kit_task(s, s.shipment_type, agv=s.agv_id) for s in message.shipments]
             return _gear_order(message, t_s, tasks)
+        if name == "DetectedShipment":
+            return _detected(message, t_s)
         return _tray_contents(message, t_s) if name == "TrayContents" else None
 
 
@@ -102,6 +118,8 @@ class NistGear2021(_Gear):
             )
         if name == "DetectedAssemblyShipment":
             return _briefcase(message, t_s)
+        if name == "DetectedKittingShipment":
+            return _detected(message, t_s)
         return _tray_contents(message, t_s) if name == "TrayContents" else None
 
 
@@ -206,6 +224,21 @@ def _ordered_tray(tray: Any) -> Tray | None:
 def _tray_contents(message: Any, t_s: float) -> Kit | None:
     place = _numbered(message.tray, r"kit_tray_(\d+)|agv(\d+)", "agv")
     return Kit(place, t_s, _products(message.objects)) if place else None
+
+
+def _detected(message: Any, t_s: float) -> Kit | None:
+    place = _numbered(message.destination_id, r"kit_tray_(\d+)|agv(\d+)", "agv")
+    return Kit(place, t_s, _products(message.products)) if place else None
+
+
+def _box(name: str) -> str:
+    """`box_0` for `shipping_box_0::box_base`: boxes stand on no AGV.
+
+    >>> _box("shipping_box_0::box_base"), _box("shipping_box::box_base")
+    ('box_0', 'box')
+    """
+    number = re.search(r"\d+", name.partition("::")[0])
+    return f"box_{number[0]}" if number else "box"
 
 
 def _movable_tray_contents(message: Any, t_s: float) -> Kit | None:

@@ -18,6 +18,7 @@ __all__ = [
     "Kit",
     "KitRecord",
     "KitSubmission",
+    "OpenTasks",
     "Order",
     "Product",
     "SensorBill",
@@ -25,6 +26,7 @@ __all__ = [
     "Tray",
     "WantedProduct",
     "faulty_products",
+    "open_task",
     "orders_of",
     "sensor_cost",
     "submissions_of",
@@ -286,6 +288,19 @@ class KitSubmission(Submission):
 
 
 @dataclass(frozen=True)
+class OpenTasks(Record):
+    """Tasks of which the log does not say whether they were handed in, although it shows other submissions.
+
+    Attributes:
+        ids: Of the tasks.
+        why: In words.
+    """
+
+    ids: frozenset[str] = frozenset()
+    why: str = ""
+
+
+@dataclass(frozen=True)
 class FaultyProducts(Record):
     """The individuals that the configuration of a trial makes faulty."""
 
@@ -318,6 +333,12 @@ def orders_of(trial: Trial) -> tuple[Order, ...]:
 def submissions_of(trial: Trial) -> tuple[KitSubmission, ...]:
     """The kits and assemblies that were submitted, in order of time."""
     return tuple(one for one in trial.submissions if isinstance(one, KitSubmission))
+
+
+def open_task(trial: Trial, task: Task) -> str:
+    """Why the log does not say whether a task was handed in; empty where it does."""
+    opened = (record for record in trial.records if isinstance(record, OpenTasks))
+    return next((record.why for record in opened if task.id in record.ids), "")
 
 
 def faulty_products(trial: Trial) -> frozenset[str] | None:

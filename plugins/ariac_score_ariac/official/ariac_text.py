@@ -15,7 +15,7 @@ Source: ARIAC notes on log formats, section 3; task manager plug-ins of 2017 to 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -45,7 +45,7 @@ from ariac_score import (
 )
 from ariac_score_ariac.work import KitSubmission
 
-__all__ = ["PerformanceLogReader"]
+__all__ = ["PerformanceLogReader", "printed_score"]
 
 CLOCK = Clock("simulated time", detail="wall time between whole simulated seconds")
 MAX_LINE_CHARS = 65_536
@@ -364,27 +364,52 @@ def _read_text(path: Path) -> _ParsedLog:
     try:
         if not path.stat().st_size:
             raise NothingToScoreError("the log is empty", file=path, hint="was the simulator started?")
-        log, now, score = _ParsedLog(), _Moment(), None
-        for raw in _lines(path):
-            line = _Line.of(raw)
-            if line.begins:
-                now = _Moment(line.wall_ns, line.sim_s)
-                if score is not None:
-                    score.ended = True
-                score = None
-            score = _begin_score(log, score, line, now)
-            if score is not None:
-                score.take(line.text)
-                _take_configuration(log, line.text)
-            else:
-                _take_line(log, line.text, now)
-        return log
+        return _parsed(map(_Line.of, _lines(path)))
     except FileNotFoundError:
         raise NothingToScoreError("no such file", file=path, hint="check the path") from None
     except OSError as cause:
         raise LogError(
             f"cannot be read: {cause.strerror}", file=path, hint="check the permissions"
         ) from cause
+
+
+def _parsed(lines: Iterable[_Line]) -> _ParsedLog:
+    log, now, score = _ParsedLog(), _Moment(), None
+    for line in lines:
+        if line.begins:
+            now = _Moment(line.wall_ns, line.sim_s)
+            if score is not None:
+                score.ended = True
+            score = None
+        score = _begin_score(log, score, line, now)
+        if score is not None:
+            score.take(line.text)
+            _take_configuration(log, line.text)
+        else:
+            _take_line(log, line.text, now)
+    return log
+
+
+def printed_score(said: Iterable[tuple[float, str]], where: Path) -> Trial | None:
+    """What the simulator printed of a run that it scored, out of the lines of its console.
+
+    Args:
+        said: When each message was printed, s of trial time, and its text, which may have several lines.
+        where: The topic, for error messages.
+
+    Returns:
+        The official result and what follows from it; `None` where no final score is printed.
+    """
+    log = _parsed(
+        _Line(_COLOUR.sub("", text).strip(), not i, None, None if i else t_s)
+        for t_s, message in said
+        for i, text in enumerate(message.splitlines())
+    )
+    if log.score is None:
+        return None
+    builder = TrialBuilder(log.trial_id or where.name, file=where, clock=None)
+    _add_score(builder, log, log.score, _Times(log, where), where)
+    return builder.build()
 
 
 def _lines(path: Path) -> Iterator[str]:

@@ -35,7 +35,7 @@ from ariac_score import (
 )
 from ariac_score_ariac.work import KitSubmission
 
-__all__ = ["CLOCK", "TrialLogReader"]
+__all__ = ["CLOCK", "TrialLogReader", "final_text"]
 
 CLOCK = Clock("competition time", detail="simulated seconds since the start")
 FORMAT = "ARIAC trial log (2023, 2024)"
@@ -296,6 +296,21 @@ class _Values:
         """What is wrong with a value."""
         words = f"{line.text.partition(':')[0].strip('- ')!r} of {self.about}: {line.value!r} {cause}"
         return LogError(words, file=self.path, place=f"line {line.number}", hint=_CUT)
+
+
+def final_text(text: str, where: Path) -> OfficialResult:
+    """The text of 2024 as the task manager prints it at the end, where no file of it is kept.
+
+    Args:
+        text: From its heading on.
+        where: The topic, for error messages.
+
+    Raises:
+        LogError: It is cut off or contradicts itself.
+    """
+    lines = [_Line.of(number, raw) for number, raw in enumerate(text.splitlines(), start=1)]
+    printed = [line for line in lines if line.text and not _RULE.fullmatch(line.text)]
+    return _of_2024(where, printed).official(where.as_posix())
 
 
 def _parse(path: Path) -> _ParsedLog:

@@ -274,7 +274,7 @@ class AssemblyPart(_Briefcases):
                 yield Finding.not_applicable(subject, "no product is ordered", clause=_CLAUSE)
                 continue
             submission = claimed(trial, order, task)
-            unknown = undecidable(trial, submission, subject, _CLAUSE)
+            unknown = undecidable(trial, submission, subject, _CLAUSE, task)
             compared = (
                 Briefcase() if unknown else self.compared(task, (submission and submission.contents) or ())
             )

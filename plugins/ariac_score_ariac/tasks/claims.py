@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 from ariac_score import ORDER_ANNOUNCED, Finding, Trial
-from ariac_score_ariac.work import KitSubmission, Order, Product, Task, submissions_of
+from ariac_score_ariac.work import KitSubmission, Order, Product, Task, open_task, submissions_of
 
 NOT_SUBMITTED = "it was never submitted"
 EMPTY_KIT = "no product is ordered"
@@ -76,7 +76,7 @@ def each_delivered(
     yield from not_kits(order, kind)
     for subject, task in kitting_tasks(order, kind):
         submission = claimed(trial, order, task)
-        unknown = undecidable(trial, submission, subject, clause)
+        unknown = undecidable(trial, submission, subject, clause, task)
         if unknown:
             yield unknown
         elif submission is None:
@@ -85,8 +85,25 @@ def each_delivered(
             yield judge(subject, task, submission.contents or ())
 
 
+def unseen(trial: Trial, submission: KitSubmission | None, task: Task) -> str:
+    """Why nothing says whether a task was handed in, in words; empty where the log shows it."""
+    if submission is not None:
+        return ""
+    return (
+        "the log does not show submissions"
+        if "submissions" not in trial.witnessed
+        else open_task(trial, task)
+    )
+
+
 def undecidable(
-    trial: Trial, submission: KitSubmission | None, subject: str, clause: str, *, order: Order | None = None
+    trial: Trial,
+    submission: KitSubmission | None,
+    subject: str,
+    clause: str,
+    task: Task,
+    *,
+    order: Order | None = None,
 ) -> Finding | None:
     """The finding for a task whose delivery the log does not show; `None` when it does.
 
@@ -100,6 +117,8 @@ def undecidable(
             "the log does not show submissions, so nothing says whether it was submitted",
             clause=clause,
         )
+    if why := unseen(trial, submission, task):
+        return Finding.inconclusive(subject, why, clause=clause)
     if submission is not None and submission.contents is None:
         return Finding.inconclusive(
             subject, "it was submitted, but the log does not show what was on the tray", clause=clause

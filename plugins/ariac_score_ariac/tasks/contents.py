@@ -69,11 +69,11 @@ class Presence:
                 yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
                 continue
             submission = claimed(trial, order, task, self.counts_from)
-            unknown = undecidable(trial, submission, subject, clause, order=order)
+            unknown = undecidable(trial, submission, subject, clause, task, order=order)
             if unknown or submission is None:
                 for wanted in task.products:
                     slot = f"{subject}/{wanted.slot}"
-                    yield undecidable(trial, submission, slot, clause, order=order) or Finding.violated(
+                    yield undecidable(trial, submission, slot, clause, task, order=order) or Finding.violated(
                         slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause
                     )
                 continue
@@ -154,7 +154,7 @@ def _each_tray(
     yield from not_kits(order, kind)
     for subject, task in kitting_tasks(order, kind):
         submission = claimed(trial, order, task, counts_from)
-        unknown = undecidable(trial, submission, subject, clause, order=order)
+        unknown = undecidable(trial, submission, subject, clause, task, order=order)
         if unknown:
             yield unknown
         elif submission is None:

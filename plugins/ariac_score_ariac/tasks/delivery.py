@@ -15,12 +15,9 @@ from ariac_score_ariac.tasks.claims import (
     first_announced_s,
     kitting_tasks,
     not_kits,
+    unseen,
 )
 from ariac_score_ariac.work import KitSubmission, Order, Task
-
-
-def _unwitnessed(trial: Trial, submission: KitSubmission | None) -> bool:
-    return submission is None and "submissions" not in trial.witnessed
 
 
 @dataclass(frozen=True)
@@ -45,8 +42,8 @@ class Submitted:
         yield from not_kits(order, self.kind)
         for subject, task in kitting_tasks(order, self.kind):
             submission = claimed(trial, order, task, self.counts_from)
-            if _unwitnessed(trial, submission):
-                yield Finding.inconclusive(subject, "the log does not show submissions")
+            if why := unseen(trial, submission, task):
+                yield Finding.inconclusive(subject, why)
             elif submission is None:
                 yield Finding.violated(subject, NOT_SUBMITTED)
             else:
@@ -80,8 +77,8 @@ class Destination:
         yield from not_kits(order, self.kind)
         for subject, task in kitting_tasks(order, self.kind):
             submission = claimed(trial, order, task)
-            if _unwitnessed(trial, submission):
-                yield Finding.inconclusive(subject, "the log does not show submissions", clause=clause)
+            if why := unseen(trial, submission, task):
+                yield Finding.inconclusive(subject, why, clause=clause)
             elif submission is None:
                 yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
             else:
@@ -155,14 +152,17 @@ class OrderTime:
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for the order."""
         clause = "ARIAC scoring, order time"
+        tasks = {kind: [task for _, task in kitting_tasks(order, kind)] for kind in self.kinds}
         claims = {
-            kind: [claimed(trial, order, task, self.counts_from) for _, task in kitting_tasks(order, kind)]
-            for kind in self.kinds
+            kind: [claimed(trial, order, task, self.counts_from) for task in of_kind]
+            for kind, of_kind in tasks.items()
         }
         everything = [submission for found in claims.values() for submission in found]
-        if any(_unwitnessed(trial, submission) for submission in everything):
-            yield Finding.inconclusive(order.id, "the log does not show submissions", clause=clause)
-            return
+        every_task = [task for of_kind in tasks.values() for task in of_kind]
+        for submission, task in zip(everything, every_task, strict=True):
+            if why := unseen(trial, submission, task):
+                yield Finding.inconclusive(order.id, why, clause=clause)
+                return
         # As coded a kind that is complete has its time even where another kind is missing.
         missing = everything.count(None)
         message = f"{len(everything) - missing} of {len(everything)} shipments were submitted"

@@ -16,6 +16,7 @@ from ariac_score_ariac.tasks.claims import (
     kitting_tasks,
     not_kits,
     undecidable,
+    unseen,
 )
 from ariac_score_ariac.tasks.contents import sound
 from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
@@ -182,7 +183,7 @@ class KitPose:
             if not task.products:
                 yield Finding.not_applicable(subject, EMPTY_KIT, clause=clause)
                 continue
-            unknown = undecidable(trial, submission, subject, clause, order=order)
+            unknown = undecidable(trial, submission, subject, clause, task, order=order)
             for wanted in task.products:
                 slot = f"{subject}/{wanted.slot}"
                 if unknown:
@@ -376,8 +377,8 @@ class TrayRight:
             submission = claimed(trial, order, task)
             if task.tray is None:
                 yield Finding.not_applicable(subject, "no movable tray is ordered", clause=clause)
-            elif submission is None and "submissions" not in trial.witnessed:
-                yield Finding.inconclusive(subject, "the log does not show submissions", clause=clause)
+            elif why := unseen(trial, submission, task):
+                yield Finding.inconclusive(subject, why, clause=clause)
             elif submission is None:
                 yield Finding.not_applicable(subject, NOT_SUBMITTED, clause=clause)
             elif submission.tray is None:

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
 from ariac_score_ariac.parts import FAULTY_ENDING, part_of
-from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed
+from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, unseen
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
 QUALITY_CHECK = "quality_check"
@@ -66,8 +66,8 @@ def sight(trial: Trial, order: Order, task: Task) -> Sight:
     """
     submission = claimed(trial, order, task)
     if submission is None:
-        shown = "submissions" in trial.witnessed
-        return Sight(nothing=NOT_SUBMITTED) if shown else Sight(unknown="the log does not show submissions")
+        why = unseen(trial, submission, task)
+        return Sight(unknown=why) if why else Sight(nothing=NOT_SUBMITTED)
     if trial.ended_s is not None and submission.submitted_s > trial.ended_s:
         return Sight(nothing="it was handed in after the end of the competition, which is refused")
     what, wanted, got, base = (

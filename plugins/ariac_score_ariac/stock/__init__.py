@@ -1,0 +1,1 @@
+"""What an unmodified simulator publishes of submissions and scores, without a node of anybody's."""

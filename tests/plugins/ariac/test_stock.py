@@ -1,0 +1,499 @@
+"""Recordings of nothing but the simulator's own messages, scored; expectations are the organisers'."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ariac_score import LogError, Verdict, score_trial
+from ariac_score.testing.bags import Recorded
+
+from .stock_bags import (
+    at,
+    every_second,
+    given_pose,
+    logged,
+    numbers_of_state,
+    pose,
+    said,
+    stock_bag,
+    words_of_state,
+)
+
+SHARED = Path(__file__).parents[3].parent / "shared" / "ariac"
+
+
+def case(name: str) -> dict[str, Any]:
+    path = SHARED / "cases" / f"{name}.json"
+    if not path.is_file():
+        pytest.skip("the official cases (../shared/ariac/cases) are not here")
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def vectors(name: str) -> Iterator[dict[str, Any]]:
+    path = SHARED / "vectors" / f"{name}.jsonl.gz"
+    if not path.is_file():
+        pytest.skip("the official vectors (../shared/ariac/vectors) are not here")
+    for line in gzip.decompress(path.read_bytes()).decode().splitlines():
+        yield json.loads(line)
+
+
+# 2018: drone and boxes; 2017 by the same cases, with trays on AGVs
+
+
+def products_2018(given: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [{"type": p["type"], "pose": pose(p["xyz"], p["rpy"])} for p in given]
+
+
+def detected(given: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        {"type": p["type"], "is_faulty": p.get("faulty", False), "pose": pose(p["xyz"], p["rpy"])}
+        for p in given
+    ]
+
+
+def recorded_2018(given: Mapping[str, Any]) -> list[Recorded]:
+    """What the drone of 2018 prints and the boxes show while the commands of a case are carried out."""
+    found: list[Recorded] = []
+    for order in given["orders"]:
+        shipments = [
+            {
+                "shipment_type": f"{order['id']}_shipment_{k}",
+                "products": products_2018(order["products_per_shipment"]),
+            }
+            for k in range(order["shipment_count"])
+        ]
+        found.append(
+            at(0.001, "/ariac/orders", "osrf_gear/msg/Order", order_id=order["id"], shipments=shipments)
+        )
+    t_s, left = 0.0, {}
+    for command in given["commands"]:
+        t_s += command.get("wait_wall_s", 0.5)
+        if "submit_box" in command:
+            found += [
+                said(
+                    t_s,
+                    f"[INFO] Drone collection triggered for shipment: {command['shipment_type']}",
+                    level=8,
+                ),
+                said(t_s + 0.002, "drone successfully triggered."),
+                said(t_s + 9.0, "Result of inspection: 0"),
+            ]
+            left[command["submit_box"]] = t_s + 9.0
+            t_s += 20.0
+    until_s = t_s + 20.0
+    for box, contents in given["spawned_on_containers"].items():
+        fields = {"shipping_box": box, "products": detected(contents)}
+        until = left.get(box, until_s)
+        found += every_second(
+            until,
+            lambda t_s, fields=fields: at(
+                t_s, "/ariac/shipping_boxes", "osrf_gear/msg/ShippingBoxContents", **fields
+            ),  # type: ignore[misc]
+        )
+    states = words_of_state((-5, "init"), (0.0, "go"), (until_s - 1, "done"), until_s=until_s)
+    return [*found, *states]
+
+
+PLAIN_2018 = (
+    "perfect-shipment",
+    "missing-parts",
+    "correct-parts-incorrect-poses",
+    "correct-parts-plus-faulty",
+)
+
+
+def test_the_drone_of_2018_names_the_shipment_and_the_boxes_show_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    for name in PLAIN_2018:
+        with subtests.test(name):
+            given = case(f"rostest2018-{name}")
+            log = stock_bag(tmp_path / name, "2018", recorded_2018(given), monkeypatch)
+            result = score_trial(log, rules="ariac2018.as_coded")
+            assert result.score == given["expected"]["game_total"]
+
+
+def recorded_2017(given: Mapping[str, Any]) -> list[Recorded]:
+    """The same on trays: the kits of 2017 are scored like the shipments of 2018 (rulebook, section 2)."""
+    found: list[Recorded] = []
+    for order in given["orders"]:
+        kits = [
+            {"kit_type": f"{order['id']}_kit_{k}", "objects": products_2018(order["products_per_shipment"])}
+            for k in range(order["shipment_count"])
+        ]
+        found.append(at(0.001, "/ariac/orders", "osrf_gear/msg/Order", order_id=order["id"], kits=kits))
+    agvs = dict(zip(given["spawned_on_containers"], ("agv1", "agv2"), strict=False))
+    t_s = 0.0
+    for command in given["commands"]:
+        t_s += command.get("wait_wall_s", 0.5)
+        if "submit_box" in command:
+            agv, kit = (
+                agvs.get(command["submit_box"], "agv2"),
+                command["shipment_type"].replace("shipment", "kit"),
+            )
+            found += [
+                said(t_s, f"[INFO] AGV '{agv}' delivery triggered for kit: {kit}", level=8),
+                said(t_s + 0.76, "AGV successfully triggered."),
+                said(t_s + 10.8, "[INFO] Result of inspection: 9", level=8),
+            ]
+    until_s = t_s + 20.0
+    for box, agv in agvs.items():
+        n = agv[-1]
+        fields = {
+            "tray": f"{agv}::kit_tray_{n}::kit_tray_{n}::tray",
+            "objects": detected(given["spawned_on_containers"][box]),
+        }
+        found += every_second(
+            until_s,
+            lambda t_s, fields=fields: at(t_s, "/ariac/trays", "osrf_gear/msg/TrayContents", **fields),  # type: ignore[misc]
+        )
+    return [*found, *words_of_state((-5, "init"), (0.0, "go"), (until_s - 1, "done"), until_s=until_s)]
+
+
+def test_the_agvs_of_2017_name_the_kit_and_the_trays_show_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    for name in PLAIN_2018:
+        with subtests.test(name):
+            given = case(f"rostest2018-{name}")
+            log = stock_bag(tmp_path / name, "2017", recorded_2017(given), monkeypatch)
+            assert score_trial(log, rules="ariac2017.as_coded").score == given["expected"]["game_total"]
+
+
+def test_without_the_trays_a_kit_is_open_and_not_worth_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In competition mode nobody may listen to the trays."""
+    messages = [m for m in recorded_2017(case("rostest2018-perfect-shipment")) if m.topic != "/ariac/trays"]
+    result = score_trial(stock_bag(tmp_path / "b", "2017", messages, monkeypatch), rules="ariac2017.as_coded")
+    first = [f for f in result.measured.findings.values() if f.subject.startswith("order_0/order_0_kit_0")]
+    of = {f.check: f.verdict for f in first}
+    assert (of["submitted"], of["part_present"]) == (Verdict.SATISFIED, Verdict.INCONCLUSIVE)
+
+
+# 2019 to 2022: the AGV is printed, the shipment is not
+
+
+def recorded_2020(given: Mapping[str, Any]) -> list[Recorded]:
+    """A trial of the official vectors as the simulator of 2020 would have published it."""
+    found: list[Recorded] = []
+    tasks = {}
+    for order in given["orders"]:
+        shipments = []
+        for task in order["tasks"]:
+            tasks[task["id"]] = order["id"]
+            products = [{"type": p["type"], "pose": given_pose(p["pose"])} for p in task["products"]]
+            shipments.append({"shipment_type": task["id"], "agv_id": task["agv"], "products": products})
+        found.append(
+            at(
+                order["time_s"],
+                "/ariac/orders",
+                "nist_gear/msg/Order",
+                order_id=order["id"],
+                shipments=shipments,
+            )
+        )
+    left = dict(tasks)
+    for given_in in given["submissions"]:
+        t_s, agv = given_in["time_s"], given_in["agv"]
+        n = agv[-1]
+        products = [
+            {"type": p["type"], "is_faulty": p.get("faulty", False), "pose": given_pose(p["pose"])}
+            for p in given_in["products"]
+        ]
+        tray = f"{agv}::kit_tray_{n}::kit_tray_{n}::tray"
+        found.append(
+            at(
+                t_s - 0.4,
+                "/ariac/trays",
+                "nist_gear/msg/DetectedShipment",
+                destination_id=tray,
+                products=products,
+            )
+        )
+        found.append(said(t_s, f"[INFO] AGV '{agv}' delivery triggered", level=8))
+        found.append(said(t_s + 0.75, "AGV successfully triggered."))
+        order = left.pop(given_in["task"], "")
+        if order and order not in left.values():
+            found.append(said(t_s + 0.001, f"Order complete: {order}"))
+    until_s = max((s["time_s"] for s in given["submissions"]), default=0.0) + 20
+    return [*found, *words_of_state((-5, "init"), (0.0, "go"), (until_s - 1, "done"), until_s=until_s)]
+
+
+def test_a_shipment_of_2020_that_can_only_be_one_is_scored_as_the_official_scorer_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    alone = [
+        v
+        for v in vectors("2020")
+        if len(v["orders"]) == 1
+        and len(v["orders"][0]["tasks"]) == 1
+        and [s["task"] for s in v["submissions"]] == [v["orders"][0]["tasks"][0]["id"]]
+        and not v.get("arm_collision")
+        and not v["orders"][0].get("updates")
+    ][:6]
+    assert len(alone) >= 3
+    for given in alone:
+        with subtests.test(given["case"]):
+            log = stock_bag(tmp_path / given["case"], "2020", recorded_2020(given), monkeypatch)
+            assert score_trial(log, rules="ariac2020.as_coded").score == given["expected"]["total"]
+
+
+# 2023 and 2024: the task manager prints its verdict
+
+GREEN, YELLOW, PLAIN = "\x1b[1;32m", "\x1b[1;33m", "\x1b[0m"
+BATTERY, PUMP, RED, GREEN_PART = 10, 11, 0, 1
+
+
+def order_2024(order_id: str, kind: int, **task: Any) -> dict[str, Any]:
+    name = ("kitting_task", "assembly_task", "combined_task")[kind]
+    return {"id": order_id, "type": kind, "priority": order_id.startswith("HIGH"), name: task}
+
+
+def kit_order(order_id: str) -> dict[str, Any]:
+    parts = [
+        {"part": {"type": BATTERY, "color": RED}, "quadrant": 1},
+        {"part": {"type": PUMP, "color": GREEN_PART}, "quadrant": 3},
+    ]
+    return order_2024(order_id, 0, agv_number=2, tray_id=3, destination=3, parts=parts)
+
+
+def insert_order(order_id: str, kind: int) -> dict[str, Any]:
+    part = {"part": {"type": BATTERY, "color": RED}, "assembled_pose": {"pose": pose((0.1, 0.0, 0.0))}}
+    return order_2024(order_id, kind, station=2, parts=[part])
+
+
+def block_2024(
+    order_id: str, kind: str, announced_s: float, submitted_s: float, most: int, actual: int, *details: str
+) -> str:
+    """What `Print…Score` sends to the console, colours and all; notes on recording, section 1.8."""
+    rule = f"{YELLOW}========================================\n{PLAIN}"
+    own = (
+        [("AGV: ", "2"), ("Tray score: ", "1"), ("Correct destination? ", "Yes")]
+        if kind == "Kitting"
+        else [("Station: ", "2")]
+    )
+    labels = [
+        ("Type: ", kind),
+        ("Priority: ", "High" if order_id.startswith("HIGH") else "Regular"),
+        ("Announcement time: ", f"{announced_s:.6f}"),
+        ("Submission time: ", f"{submitted_s:.6f}"),
+        ("Completion time: ", f"{submitted_s - announced_s:.6f}"),
+        *own,
+        ("Bonus: ", "0"),
+        ("Max score: ", str(most)),
+        ("Actual score: ", str(actual)),
+    ]
+    lines = "".join(f"{GREEN}\t-{label}{PLAIN}{value}\n" for label, value in labels)
+    return (
+        f"{YELLOW}\n{PLAIN}{rule}{YELLOW}Order Submitted\n{PLAIN}{rule}"
+        f"{GREEN}-Order ID: {PLAIN}{order_id}\n{lines}{''.join(details)}"
+    )
+
+
+def quadrant_2024(number: int, score: int, **answers: str) -> str:
+    lines = [f"{GREEN}\t-Quadrant: {PLAIN}{number}\n", f"{GREEN}\t\t-Score: {PLAIN}{score}\n"]
+    lines += [
+        f"{GREEN}\t\t-{label.replace('_', ' ')}? {PLAIN}{answer}\n" for label, answer in answers.items()
+    ]
+    return "".join(lines)
+
+
+QUADRANTS = (
+    quadrant_2024(
+        1, 3, Correct_part_type="Yes", Correct_part_color="Yes", Faulty_part="No", Flipped_part="No"
+    ),
+    quadrant_2024(
+        3, 2, Correct_part_type="Yes", Correct_part_color="No", Faulty_part="No", Flipped_part="No"
+    ),
+)
+
+FINAL_2024 = """\
+========================================
+Trial Summary
+========================================
+Trial file: stock.yaml
+Trial time limit: 300.000000
+Time limit reached: no
+Completion time: 90.000000
+Total number of orders: 3
+Number of submitted orders: 2
+
+========================================
+Order Summary
+========================================
+Order ID: HIGH0001
+\tOrder type: kitting
+\tOrder submitted: yes
+\tPriority: yes
+\tMax task score: 9
+\tActual task score: 6
+\tSubmission time: 40.002000
+\tSubmission duration: 40.001000
+Order ID: COMB0001
+\tOrder type: combined
+\tOrder submitted: yes
+\tPriority: no
+\tMax task score: 6
+\tActual task score: 4
+\tSubmission time: 70.000000
+\tSubmission duration: 69.999000
+Order ID: ASMB0001
+\tOrder type: assembly
+\tOrder submitted: no
+\tPriority: no
+\tMax task score: 4
+\tActual task score: 0
+\tSubmission time: N/A
+\tSubmission duration: N/A
+
+========================================
+Order Details
+========================================
+Order ID: HIGH0001
+\tType: kitting
+\tPriority: yes
+\tAGV: 2
+\tCorrect tray: yes
+\tCorrect destination: yes
+\tMax score: 9
+\tActual score: 6
+\tBonus: 0
+Order ID: COMB0001
+\tType: combined
+\tPriority: no
+\tStation: 2
+\tMax score: 6
+\tActual score: 4
+\tBonus: 0
+\t-----------------------
+\tParts Summary
+\t-----------------------
+\tPart: green battery
+\t\tPart score: 4
+\t\tCorrect type: yes
+\t\tCorrect color: no
+\t\tCorrect pose: yes
+\t\t\tPosition: 0.100000, 0.000000, 0.000000
+\t\t\tOrientation: 0.000000, 0.000000, 0.000000
+Order ID: ASMB0001
+\tNot Submitted
+"""
+
+
+def recorded_2024(*, final: bool = True, ended: bool = True, node: str = "task_manager") -> list[Recorded]:
+    """A kit worth 6; a combined order worth 4, of which nothing is printed before the end."""
+    orders = [kit_order("HIGH0001"), insert_order("COMB0001", 2), insert_order("ASMB0001", 1)]
+    verdict = block_2024("HIGH0001", "Kitting", 0.001, 40.002, 9, 6, *QUADRANTS)
+    # Only 3 is ever seen of the start: no order waits for anything, so 2 lasts one step.
+    changes = [(-5.0, 0), (-2.0, 1), (0.0, 3)] + ([(90.0, 4)] if ended else [])
+    return [
+        *(at(0.001, "/ariac/orders", "ariac_msgs/msg/Order", **order) for order in orders),
+        logged(30.0, "-Order ID: HIGH0001\n\t-Actual score: 99", node="team_node"),
+        *(logged(0.002, f"Announcing order {order['id']}", node=node) for order in orders),
+        logged(40.01, verdict, node=node),
+        *([logged(90.0, FINAL_2024, node=node)] if final else []),
+        *numbers_of_state(*changes, until_s=92.0),
+    ]
+
+
+def test_a_stock_recording_of_2024_has_the_official_verdict_of_every_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = stock_bag(tmp_path / "stock", "2024", recorded_2024(), monkeypatch)
+    result = score_trial(log, rules="ariac2024.official")
+    assert result.task and result.task.value == 10
+    of = {f.subject: f.quantities for f in result.measured.findings.values() if f.check == "order_score"}
+    assert of["HIGH0001"] == {
+        "score": 6,
+        "total": 18,
+        "priority_factor": 3,
+        "duration_s": pytest.approx(40.001),
+        "max_score": 9,
+        "submitted": 1,
+    }
+    assert (of["COMB0001"]["score"], of["ASMB0001"]["submitted"]) == (4, 0)
+
+
+def test_a_combined_order_of_2024_is_open_until_the_text_of_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = stock_bag(tmp_path / "cut", "2024", recorded_2024(final=False), monkeypatch)
+    result = score_trial(log, rules="ariac2024.official")
+    of = {f.subject: f.verdict for f in result.measured.findings.values() if f.check == "order_score"}
+    assert of == {
+        "HIGH0001": Verdict.SATISFIED,
+        "COMB0001": Verdict.INCONCLUSIVE,
+        "ASMB0001": Verdict.VIOLATED,  # its verdict would have been printed
+    }
+
+
+def test_a_recording_that_breaks_off_proves_nothing_about_later_orders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = stock_bag(tmp_path / "cut", "2024", recorded_2024(final=False, ended=False), monkeypatch)
+    result = score_trial(log, rules="ariac2024.official")
+    of = {f.subject: f.verdict for f in result.measured.findings.values() if f.check == "order_score"}
+    assert of["ASMB0001"] is Verdict.INCONCLUSIVE
+
+
+def test_a_verdict_that_another_node_prints_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = stock_bag(tmp_path / "other", "2024", recorded_2024(node="team_node"), monkeypatch)
+    result = score_trial(log, rules="ariac2024.official")
+    of = {f.subject: f.verdict for f in result.measured.findings.values() if f.check == "order_score"}
+    assert of["HIGH0001"] is Verdict.INCONCLUSIVE  # of the simulator's own node there is no line at all
+
+
+def test_a_verdict_that_the_text_of_the_end_contradicts_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = block_2024("HIGH0001", "Kitting", 0.001, 40.002, 9, 9, *QUADRANTS)
+    messages = [m for m in recorded_2024() if not (m.topic == "/rosout" and m.t_ns == at(40.01, "", "").t_ns)]
+    log = stock_bag(tmp_path / "two", "2024", [*messages, logged(40.01, other)], monkeypatch)
+    with pytest.raises(LogError, match="HIGH0001"):
+        score_trial(log, rules="ariac2024.official")
+
+
+BLOCK_2023 = """\
+Order: {id}
+Type: Kitting
+AGV: 2
+Tray score: 3
+Correct destination: Yes
+Bonus: 0
+Score: 8
+Quadrant: 1
+Quadrant score: 3
+-----
+Correct part type: Yes
+Correct part color: Yes
+Faulty part: No
+Flipped part: No
+Quadrant: 3
+Quadrant score: 2
+-----
+Correct part type: Yes
+Correct part color: No
+Faulty: No
+Flipped: No
+"""
+
+
+def test_a_stock_recording_of_2023_has_it_line_by_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = ["Announcing Order MMB30H56", *BLOCK_2023.format(id="MMB30H56").splitlines()]
+    messages = [
+        at(0.001, "/ariac/orders", "ariac_msgs/msg/Order", **kit_order("MMB30H56")),
+        *(logged(40.0 + i / 10_000, line) for i, line in enumerate(lines)),
+        *numbers_of_state((-5.0, 0), (0.0, 3), (90.0, 4), until_s=92.0),
+    ]
+    result = score_trial(stock_bag(tmp_path / "b", "2023", messages, monkeypatch), rules="ariac2023.official")
+    assert result.task and result.task.value == 8
