@@ -409,7 +409,8 @@ def test_a_stock_recording_of_2024_has_the_official_verdict_of_every_order(
 ) -> None:
     log = stock_bag(tmp_path / "stock", "2024", recorded_2024(), monkeypatch)
     result = score_trial(log, rules="ariac2024.official")
-    assert result.task and result.task.value == 10
+    assert result.task
+    assert result.task.value == 10
     of = {f.subject: f.quantities for f in result.measured.findings.values() if f.check == "order_score"}
     assert of["HIGH0001"] == {
         "score": 6,
@@ -496,4 +497,5 @@ def test_a_stock_recording_of_2023_has_it_line_by_line(
         *numbers_of_state((-5.0, 0), (0.0, 3), (90.0, 4), until_s=92.0),
     ]
     result = score_trial(stock_bag(tmp_path / "b", "2023", messages, monkeypatch), rules="ariac2023.official")
-    assert result.task and result.task.value == 8
+    assert result.task
+    assert result.task.value == 8
