@@ -12,6 +12,7 @@ from functools import cached_property
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import ScoreError
 from ariac_score.report.figures import amount_text, count_in_words, rounded_points, said
+from ariac_score.report.openness import open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.words import capital
 from ariac_score.results.result import Result
@@ -235,6 +236,11 @@ class _Teller:
             task = "" if result.task is None else f"; the task score is {amount_text(result.task.amount)}"
             return f"the score waits for the other teams{task}"
         about = count_in_words(many, "finding is", "findings are")
+        if result.interval is not None:
+            why = _cut(result.interval.narrowing[0].cause, 80) if result.interval.narrowing else ""
+            rest = len(result.interval.narrowing) - 1
+            more = f" and {count_in_words(rest, 'other cause', 'other causes')}" if rest > 0 else ""
+            return open_sentence(result, result.digits) + (f" (open because of {why}{more})" if why else "")
         if result.score is None:
             if not many:
                 why = _cut(result.missing, _LONGEST_MESSAGE) or "something it depends on is undecided"

@@ -12,6 +12,7 @@ from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
+from ariac_score.report.openness import narrowing_text, open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, words_of
@@ -47,6 +48,7 @@ def score_text(result: Result, style: Style | None = None) -> str:
         _adjusted(result, style),
         _ledger(result, style),
         _losses(result, style),
+        _narrowing(result, style),
         _undecided(result, style),
         _checks(result, style),
         _origin(result, style),
@@ -68,6 +70,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     else:
         why = plain(result.missing) or "something it depends on is undecided"
         yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
+    if result.interval is not None:
+        yield style(open_sentence(result), "yellow")
     told = summary_of(result, with_score=False)
     if told:
         yield told
@@ -255,6 +259,16 @@ def _where(finding: Finding, whom: str = "") -> str:
 def _more(count: int, style: Style) -> Iterator[str]:
     if count > 0:
         yield style(f"  … and {count} more; see 'ariac-score explain'", "dim")
+
+
+def _narrowing(result: Result, style: Style) -> Iterator[str]:
+    """What would narrow the interval of the score, most first."""
+    if result.interval is None or not result.interval.narrowing:
+        return
+    yield style("What would narrow it", "bold")
+    yield from (f"  {narrowing_text(one, plain)}" for one in result.interval.narrowing[:_SHOWN])
+    if len(result.interval.narrowing) > _SHOWN:
+        yield style(f"  … and {len(result.interval.narrowing) - _SHOWN} more; see the result", "dim")
 
 
 _POLICY_WORDS = {

@@ -7,6 +7,7 @@ from decimal import Decimal
 from html import escape
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger
 
 __all__ = ["result_html"]
@@ -21,6 +22,7 @@ def result_html(
     possible: Decimal | None,
     ledger: Ledger | None,
     findings: Mapping[str, Finding],
+    interval: ScoreInterval | None = None,
 ) -> str:
     """HTML of a result.
 
@@ -30,9 +32,16 @@ def result_html(
         possible: What could have been earned.
         ledger: The score taken apart.
         findings: By id.
+        interval: Between which scores the trial lies, where its log leaves any open.
     """
     of = "" if possible is None else f" of {_number(possible)}"
     head = "no score" if score is None else f"{_number(score)}{of}"
+    if interval is not None:
+        head += f" (open: {_number(interval.least)} to {_number(interval.most)})"
+    causes = [
+        (one.cause, "not known" if one.at_most is None else _number(one.at_most))
+        for one in (interval.narrowing if interval is not None else ())
+    ]
     lines = ledger.children if ledger is not None else ()
     amounts = []
     for line in lines:
@@ -50,6 +59,7 @@ def result_html(
     ]
     return (
         f"<div><p><b>{_text(head)}</b> · {_text(title)}</p>"
+        + _table(("what would narrow it", "points, at most"), causes)
         + _table(("line", "points"), amounts)
         + _table(("violated", "subject", "what"), violated)
         + _table(("undecided", "subject", "why"), open_ones)

@@ -375,6 +375,7 @@ class Result:
             self.possible,
             self.ledger,
             self.findings,
+            self.interval,
         )
 
     @property

@@ -7,6 +7,7 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.report.openness import between, narrowing_text, which_counts
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line, taken_by
@@ -17,9 +18,12 @@ __all__ = [
     "checks",
     "cost",
     "cut",
+    "ends",
+    "ends_in_words",
     "final_findings",
     "headline",
     "name",
+    "narrowing",
     "remarks",
     "told",
     "unrecorded",
@@ -67,13 +71,32 @@ def name(result: Result) -> str:
 def headline(result: Result) -> str:
     """The score that counts, and how it came about."""
     if result.final is None:
-        return f"no score: {why_none(result)}"
+        return f"no score{ends_in_words(result)}: {why_none(result)}"
     if result.adjusted is None:
         possible = "" if result.possible is None else f" of {amount_text(result.possible)} possible"
-        return f"score {amount_text(result.final)}{possible}"
+        return f"score {amount_text(result.final)}{possible}{ends_in_words(result)}"
     automatic = "withheld" if result.score is None else amount_text(result.score)
     word = "disqualified: score" if result.adjusted.disqualified else "adjusted score"
-    return f"{word} {amount_text(result.final)} (automatic {automatic})"
+    return f"{word} {amount_text(result.final)} (automatic {automatic}{ends_in_words(result)})"
+
+
+def ends_in_words(result: Result) -> str:
+    """Between which ends the automatic score lies, after it; empty where nothing is open."""
+    interval = result.interval
+    return "" if interval is None else f", open {between(interval)} ({which_counts(interval)})"
+
+
+def ends(result: Result) -> Mapping[str, Decimal]:
+    """Both ends of the automatic score by the name that exports give them; nothing where none is open."""
+    interval = result.interval
+    return {} if interval is None else {"score_least": interval.least, "score_most": interval.most}
+
+
+def narrowing(result: Result) -> list[str]:
+    """What would narrow the interval of the score, a line each."""
+    if result.interval is None:
+        return []
+    return [f"would narrow the score: {narrowing_text(one, cut)}" for one in result.interval.narrowing]
 
 
 def why_none(result: Result) -> str:

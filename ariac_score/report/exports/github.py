@@ -15,6 +15,7 @@ from ariac_score.report.exports.facts import (
     final_findings,
     headline,
     name,
+    narrowing,
     remarks,
     unrecorded,
     when,
@@ -32,6 +33,7 @@ def github_text(result: Result) -> str:
     """A result as workflow commands, one a line: score, decisions, violations, undecided findings."""
     lines = [_command("notice" if result.final is not None else "error", name(result), headline(result))]
     lines += [_command("warning", f"{name(result)}: stewards", text) for text in remarks(result)]
+    lines += [_command("warning", name(result), text) for text in narrowing(result)[:3]]
     lines += _findings(result, Verdict.VIOLATED, "error")
     lines += _findings(result, Verdict.INCONCLUSIVE, "warning")
     lines += [_command("notice", name(result), text) for text in unrecorded(result)]

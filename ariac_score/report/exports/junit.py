@@ -12,9 +12,11 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.exports.facts import (
     checks,
     cut,
+    ends,
     final_findings,
     headline,
     name,
+    narrowing,
     remarks,
     unrecorded,
     when,
@@ -57,7 +59,9 @@ def _score(result: Result, root: Element) -> None:
     case = SubElement(suite, "testcase", classname=result.provenance.rule_set.id, name="score", time="0")
     if result.final is None:
         SubElement(case, "error", type=result.status, message=why_none(result))
-    SubElement(case, "system-out").text = "\n".join([headline(result), *remarks(result), *unrecorded(result)])
+    SubElement(case, "system-out").text = "\n".join(
+        [headline(result), *remarks(result), *narrowing(result), *unrecorded(result)]
+    )
 
 
 def _properties(result: Result) -> Iterator[tuple[str, str]]:
@@ -71,6 +75,7 @@ def _properties(result: Result) -> Iterator[tuple[str, str]]:
     ):
         if amount is not None:
             yield key, amount_text(amount)
+    yield from ((key, amount_text(amount)) for key, amount in ends(result).items())
     for source in result.provenance.inputs:
         yield f"sha256 of {cut(source.name, 200)}", source.sha256
 

@@ -20,6 +20,7 @@ from ariac_score.report.exports.facts import (
     unrecorded,
     when,
 )
+from ariac_score.report.openness import narrowing_text
 from ariac_score.report.summary import summary_of
 from ariac_score.report.text import amount_text
 from ariac_score.report.words import capital, words_of
@@ -46,6 +47,7 @@ def markdown_text(result: Result) -> str:
             f"{escaped(result.rule_set_title)}"
         ],
         [escaped(summary_of(result))],
+        list(_narrowing(result)),
         list(_adjustments(result)),
         list(_ledger(result)),
         list(_found(result, Verdict.VIOLATED, "What was violated")),
@@ -79,6 +81,14 @@ def _adjustments(result: Result) -> Iterator[str]:
         yield "### Adjusted by the stewards"
         yield ""
         yield from (f"- {escaped(text)}" for text in remarks(result))
+
+
+def _narrowing(result: Result) -> Iterator[str]:
+    lines = [] if result.interval is None else [narrowing_text(one, cut) for one in result.interval.narrowing]
+    if lines:
+        yield "### What would narrow the score"
+        yield ""
+        yield from (f"- {escaped(text)}" for text in lines[:_MOST])
 
 
 def _ledger(result: Result) -> Iterator[str]:

@@ -16,9 +16,11 @@ from ariac_score.report.exports.facts import (
     checks,
     cost,
     cut,
+    ends,
     final_findings,
     headline,
     name,
+    narrowing,
     remarks,
     unrecorded,
     when,
@@ -80,7 +82,7 @@ def _driver(result: Result) -> dict[str, Any]:
 
 def _notifications(result: Result) -> list[dict[str, Any]]:
     """The score, decisions of stewards, defects of the log, and what it does not contain."""
-    notes = [headline(result), *remarks(result)]
+    notes = [headline(result), *remarks(result), *narrowing(result)]
     notes += [f"{cut(d.where, 200)}: {cut(d.message)} ({d.count})" for d in result.measured.log_defects]
     notes += unrecorded(result)
     return [{"level": "note", "message": {"text": text}} for text in notes]
@@ -94,6 +96,7 @@ def _properties(result: Result) -> dict[str, Any]:
         "status": result.status,
         "adjusted": result.adjusted is not None,
         **{key: None if value is None else float(value) for key, value in amounts.items()},
+        **{key: float(value) for key, value in ends(result).items()},
     }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from decimal import Decimal
 from typing import Any
 
-from ariac_score.report.exports.facts import final_findings, remarks
+from ariac_score.report.exports.facts import ends, final_findings, narrowing, remarks
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.results.result import Result, canonical
 from ariac_score.terminal.style import plain
@@ -20,6 +20,7 @@ _COLUMNS = (
     "team", "trial", "rule_set", "status", "score", "automatic_score", "adjustments",
     "finding", "check", "plugin", "priced", "subject", "verdict", "automatic_verdict",
     "start_s", "end_s", "margin", "unit", "critical", "clause", "message",
+    "score_least", "score_most",
 )  # fmt: skip
 
 
@@ -59,6 +60,9 @@ def _head(result: Result) -> dict[str, Any]:
         "status": result.status,
         "score": _amount(result.final),
         "automatic_score": _amount(result.score),
+        # Where nothing is open both ends are the score, so that a column can be used without a case.
+        "score_least": _amount(ends(result).get("score_least", result.score)),
+        "score_most": _amount(ends(result).get("score_most", result.score)),
         "adjustments": "; ".join(remarks(result)),
     }
 
@@ -92,6 +96,7 @@ def _records(result: Result) -> Iterator[dict[str, Any]]:
         **_head(result),
         "adjustments": remarks(result),
         "possible": _amount(result.possible),
+        "narrowing": narrowing(result),
         "rule_set_sha256": result.provenance.rule_set.sha256,
         "inputs": [{"name": s.name, "role": s.role, "sha256": s.sha256} for s in result.provenance.inputs],
     }

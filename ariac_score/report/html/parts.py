@@ -55,6 +55,8 @@ def parts_of(result: Result, split: TaskAndSafety) -> Parts:
     """The bars of a scored trial."""
     score = split.task + split.safety
     ends = [Decimal(0), split.task, score, *([] if result.possible is None else [result.possible])]
+    interval = result.interval
+    ends += [] if interval is None else [interval.least, interval.most]
     low, room = min(ends), (max(ends) - min(ends)) or Decimal(1)
 
     def at(points: Decimal) -> float:
@@ -63,7 +65,8 @@ def parts_of(result: Result, split: TaskAndSafety) -> Parts:
     def bar(kind: str, label: str, amount: Decimal, start: Decimal, end: Decimal) -> Bar:
         left, right = sorted((at(start), at(end)))
         first = kind == "task" or (kind == "score" and not split.has_safety)
-        return Bar(kind, label, amount, left, round(right - left, 3), first)
+        open_ = None if interval is None or kind != "score" else (at(interval.least), at(interval.most))
+        return Bar(kind, label, amount, left, round(right - left, 3), first, open_)
 
     zero = Decimal(0)
     bars = []

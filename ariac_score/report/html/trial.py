@@ -26,6 +26,7 @@ from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
+from ariac_score.report.openness import which_counts
 from ariac_score.report.places import Places
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
@@ -93,6 +94,8 @@ def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTH
         chart_words=_chart_words,
         policies=POLICIES,
         assumed=_assumed(result),
+        open_ends=result.interval,
+        which_counts=which_counts,
         only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
         clock=_clock(measured.clock),
         losses=losses[:MOST_LOSSES],

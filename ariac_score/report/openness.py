@@ -1,0 +1,71 @@
+"""Scores that a log leaves open, in words: their ends, which end counts, what would narrow them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from decimal import Decimal
+
+from ariac_score.report.figures import amount_text, rounded_points
+from ariac_score.results.result import Result
+from ariac_score.scoring.interval import Narrowing, ScoreInterval
+
+__all__ = ["between", "narrowing_text", "open_sentence", "which_counts"]
+
+_COUNTS = {
+    "worst": "the lower end counts",
+    "best": "the upper end counts",
+    "withhold": "neither counts until that is decided",
+}
+
+
+def between(interval: ScoreInterval, digits: int | None = None) -> str:
+    """Both ends of an interval.
+
+    Args:
+        interval: The interval.
+        digits: Of the rule set, to say no more digits than mean something; by default the ends are exact.
+
+    >>> between(ScoreInterval(Decimal("19.761677"), Decimal("28.000000"), True, "worst"), 6)
+    'between 19.76 and 28'
+    """
+
+    def said(points: Decimal) -> str:
+        return amount_text(points if digits is None else rounded_points(points, digits))
+
+    least, most = said(interval.least), said(interval.most)
+    if least == most:  # they differ only in digits that a headline leaves out
+        least, most = amount_text(interval.least), amount_text(interval.most)
+    return f"between {least} and {most}"
+
+
+def which_counts(interval: ScoreInterval) -> str:
+    """Which end is the score."""
+    return _COUNTS[interval.counts]
+
+
+def open_sentence(result: Result, digits: int | None = None) -> str:
+    """Between which ends the score lies, and which one counts; empty where the log leaves nothing open.
+
+    Args:
+        result: The result.
+        digits: As for `between`.
+    """
+    interval = result.interval
+    if interval is None:
+        return ""
+    automatic = "automatic " if result.adjusted is not None else ""
+    loosely = "" if interval.tight else "no further than "
+    return f"the {automatic}score lies {loosely}{between(interval, digits)}; {which_counts(interval)}"
+
+
+def narrowing_text(one: Narrowing, spoken: Callable[[str], str] = str) -> str:
+    """What would narrow an interval, and by how much.
+
+    Args:
+        one: A cause.
+        spoken: What makes its text harmless to show.
+    """
+    if one.at_most is None:
+        return f"{spoken(one.cause)}: nobody can say how much"
+    points = amount_text(one.at_most)
+    return f"{spoken(one.cause)}: at most {points} {'point' if one.at_most == 1 else 'points'}"

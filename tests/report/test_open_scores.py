@@ -1,0 +1,132 @@
+"""A score that the log leaves open, on every page and in every export: its ends, and what would help."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+from csv import DictReader
+from dataclasses import replace
+from decimal import Decimal
+from html import unescape
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from xml.etree.ElementTree import fromstring
+
+import pytest
+
+from ariac_score import Result, as_json
+from ariac_score.report.exports import exported
+from ariac_score.report.html.trial import trial_page
+from ariac_score.report.text import score_text
+from ariac_score.scoring.interval import Narrowing, ScoreInterval
+
+PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
+GAPS = "12 gaps of 51 to 97 ms on /snapshot"
+NARROWING = (
+    Narrowing(GAPS, ("separation",), ("separation#1",), Decimal("6.238323")),
+    Narrowing("the pose of <b>a part</b>", ("part_pose",), (), Decimal("2")),
+    Narrowing("contents unknown", ("part_type",)),
+)
+
+
+@pytest.fixture(scope="module")
+def closed() -> Result:
+    """The example: 19.761677 of 36, of which 8.238323 were lost to the one violation of safety."""
+    return PAGES.example()
+
+
+def opened(closed: Result, counts: str = "worst", **more: Any) -> Result:
+    """The example with everything that happened to its violation unknown: 19.761677 to 28."""
+    interval = ScoreInterval(
+        Decimal("19.761677"),
+        Decimal("28.000000"),
+        more.pop("tight", True),
+        counts,
+        more.pop("narrowing", NARROWING),
+    )
+    if counts == "withhold":
+        more |= {"status": "incomplete", "score": None, "ledger": None}
+    return replace(closed, interval=interval, **more)
+
+
+def seen(page: str) -> str:
+    without = re.sub(r"<(script|style).*?</\1>", " ", page, flags=re.DOTALL)
+    return " ".join(unescape(re.sub(r"<[^>]*>", " ", without)).split())
+
+
+def test_the_page_says_both_ends_which_counts_and_what_would_narrow_them(closed: Result) -> None:
+    result = opened(closed)
+    page = trial_page(result, as_json(result))
+    words = seen(page)
+
+    assert (
+        f"The score lies between 19.76 and 28; the lower end counts (open because of {GAPS} and two other"
+        in words
+    )
+    assert "open: 19.76 to 28 , the lower end counts" in words
+    # 19.761677 and 28 of a scale from 0 to the 36 that were possible.
+    left, width = re.search(r'<span class="open" style="left:([\d.]+)%;width:([\d.]+)%"', page).groups()  # type: ignore[union-attr]
+    assert float(left) == pytest.approx(100 * 19.761677 / 36, abs=1e-3)
+    assert float(width) == pytest.approx(100 * (28 - 19.761677) / 36, abs=2e-3)
+    causes = words[words.index("What would narrow it") :]
+    assert causes.index(GAPS) < causes.index("the pose of <b>a part</b>") < causes.index("contents unknown")
+    assert "6.24" in causes
+    assert "not known" in causes
+    assert "<b>a part</b>" not in page.partition("<script")[0]
+
+
+@pytest.mark.parametrize(
+    ("counts", "tight", "said"),
+    [
+        ("best", True, "between 19.761677 and 28; the upper end counts"),
+        ("withhold", True, "between 19.761677 and 28; neither counts until that is decided"),
+        ("worst", False, "no further than between 19.761677 and 28; the lower end counts"),
+    ],
+)
+def test_the_text_says_which_end_counts_and_whether_a_world_reaches_it(
+    closed: Result, counts: str, tight: bool, said: str
+) -> None:
+    assert f"the score lies {said}\n" in score_text(opened(closed, counts, tight=tight))
+
+
+def test_a_withheld_score_shows_its_ends_instead_of_a_number(closed: Result) -> None:
+    result = opened(closed, "withhold")
+    page = trial_page(result, as_json(result))
+
+    assert "19.76 to 28 points; withheld until what is open is decided" in seen(page)
+
+
+def test_every_export_has_both_ends_beside_the_one_that_counts(closed: Result) -> None:
+    result = opened(closed)
+    ends = {"score": 19.761677, "score_least": 19.761677, "score_most": 28.0}
+
+    first = json.loads(exported(result, "jsonl").splitlines()[0])
+    assert {name: first[name] for name in ends} == ends
+    assert first["narrowing"][0] == f"would narrow the score: {GAPS}: at most 6.238323 points"
+    row = next(DictReader(exported(result, "csv").splitlines()))
+    assert {name: float(row[name]) for name in ends} == ends
+    junit = {
+        one.get("name"): one.get("value")
+        for one in fromstring(exported(result, "junit")).iter("property")  # noqa: S314  # our own
+    }
+    assert {name: float(junit[name] or "") for name in ends} == ends
+    sarif = json.loads(exported(result, "sarif"))["runs"][0]
+    assert {name: sarif["properties"][name] for name in ends} == ends
+    for name in ("markdown", "github"):
+        text = exported(result, name).replace("\\", "")
+        assert "score 19.761677 of 36 possible, open between 19.761677 and 28 (the lower end counts)" in text
+        assert GAPS in text
+    assert "(open: 19.761677 to 28)" in result._repr_html_()
+
+
+def test_a_score_with_nothing_open_says_nothing_of_ends(closed: Result) -> None:
+    page = trial_page(closed, as_json(closed))
+
+    assert 'id="open"' not in page
+    assert 'class="open"' not in page
+    assert "lies between" not in score_text(closed)
+    for name in ("junit", "sarif", "markdown", "github"):
+        assert "score_least" not in exported(closed, name)
+        assert " open between " not in exported(closed, name)
