@@ -13,7 +13,7 @@ from ariac_score.checks.findings import Finding, canonical_span, settled
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.spans import Span
 
-__all__ = ["Cause", "OpenFindings", "settled_open"]
+__all__ = ["Cause", "OpenFindings", "Worlds", "settled_open"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,25 @@ class Cause:
     text: str
     source: str = ""
     spans: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True)
+class Worlds:
+    """What a monitor finds about a subject in the two extreme worlds, before the engine names its check.
+
+    Attributes:
+        subject: Whom it is about.
+        best: Its findings in the best world.
+        worst: Those in the worst world.
+        causes: Why it is open.
+        tight: Whether each end is that of one world that may have been; otherwise both are outer bounds.
+    """
+
+    subject: str
+    best: tuple[Finding, ...]
+    worst: tuple[Finding, ...]
+    causes: tuple[Cause, ...] = ()
+    tight: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +82,18 @@ class OpenFindings:
                     f"a finding of {finding.check!r} about {finding.subject!r} stands among the open ones "
                     f"of {self.check!r} about {self.subject!r}"
                 )
+
+    def renamed(self, check: str) -> OpenFindings:
+        """The same of a check of another name, as whose plugin and parameters it was."""
+
+        def under(findings: Mapping[str, Finding]) -> dict[str, Finding]:
+            mark = f"{self.check}#"
+            return {
+                f"{check}#{key.removeprefix(mark)}": replace(one, check=check)
+                for key, one in findings.items()
+            }
+
+        return replace(self, check=check, best=under(self.best), worst=under(self.worst))
 
 
 def settled_open(one: OpenFindings) -> OpenFindings:

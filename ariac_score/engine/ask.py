@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from ariac_score.checks.finding_contract import Grounds, Subjects, breach_of, sh
 from ariac_score.checks.findings import Finding, settled
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import OpenFindings, Worlds
 from ariac_score.checks.registry import Plugin
 from ariac_score.checks.units import is_unit
 from ariac_score.engine.signal_needs import needs_of
@@ -25,7 +26,16 @@ from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.words import Words
 from ariac_score.trial.work import WorkItem, paths_at
 
-__all__ = ["BUDGET_S", "ONLY_OFFICIAL", "SMALLEST_LOG_SAMPLES", "ask", "budget_of", "charts_of", "margins_of"]
+__all__ = [
+    "BUDGET_S",
+    "ONLY_OFFICIAL",
+    "SMALLEST_LOG_SAMPLES",
+    "ask",
+    "ask_worlds",
+    "budget_of",
+    "charts_of",
+    "margins_of",
+]
 
 Notice = Callable[[str, str], None]
 
@@ -65,6 +75,22 @@ def ask(
 ) -> list[Finding]:
     """All findings of one check about a trial, in order, with the numbers as they will be stored.
 
+    Arguments and errors are those of `ask_worlds`.
+    """
+    return ask_worlds(plugin, name, check, trial, notice=notice, words=words)[0]
+
+
+def ask_worlds(
+    plugin: Plugin,
+    name: str,
+    check: Rule | Monitor,
+    trial: Trial,
+    *,
+    notice: Notice | None = None,
+    words: Words | None = None,
+) -> tuple[list[Finding], list[OpenFindings]]:
+    """All findings of one check about a trial, and those of both worlds where the log leaves it open.
+
     Args:
         plugin: Named when something goes wrong.
         name: Name of the check.
@@ -83,6 +109,7 @@ def ask(
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
     findings: list[Finding] = []
+    worlds: list[Worlds] = []
     began_s = time.process_time()  # not the clock on the wall: other processes are not the plugin's fault
     heard = (
         quiet(plugin.origin, notice, deep=True, of=name)
@@ -92,6 +119,9 @@ def ask(
     try:
         with heard:
             for finding in _answers(plugin, name, check, trial, words or Words()):
+                if isinstance(finding, Worlds):
+                    worlds.append(finding)
+                    continue
                 if not isinstance(finding, Finding):
                     raise broken(plugin, f"yields a {type(finding).__name__} instead of a Finding", of=name)
                 findings.append(finding)
@@ -119,7 +149,20 @@ def ask(
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
-    return sorted(stored, key=_order_of_findings)
+    opened = [_open(plugin, name, one, grounds) for one in worlds]
+    return sorted(stored, key=_order_of_findings), sorted(opened, key=lambda one: one.subject)
+
+
+def _open(plugin: Plugin, name: str, worlds: Worlds, grounds: Grounds) -> OpenFindings:
+    """Both worlds of a subject, each finding held to the contract and named."""
+
+    def named(which: str, findings: Sequence[Finding]) -> dict[str, Finding]:
+        stored = [_stored(plugin, name, one, number, grounds) for number, one in enumerate(findings, start=1)]
+        ordered = sorted(stored, key=_order_of_findings)
+        return {f"{name}#{which}{number}": one for number, one in enumerate(ordered, start=1)}
+
+    best, worst = named("best", worlds.best), named("worst", worlds.worst)
+    return OpenFindings(name, worlds.subject, best, worst, worlds.causes, worlds.tight)
 
 
 def charts_of(plugin: Plugin, name: str, check: Any, trial: Trial) -> list[Chart]:
@@ -236,10 +279,11 @@ def _not_none(answer: Any) -> Any:
     return answer
 
 
-def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) -> Iterator[Finding]:
+def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) -> Iterator[Finding | Worlds]:
     """The findings of a rule about each item of work, or of a monitor about the trial."""
     if plugin.group != "ariac_score.rules":
-        yield from _not_none(check.watch(trial))
+        watch = getattr(check, "watch_worlds", check.watch) if trial.between is not None else check.watch
+        yield from _not_none(watch(trial))
         return
     level = getattr(check, "level", "")
     items = list(paths_at(trial.work, level))

@@ -12,8 +12,9 @@ from ariac_score.checks.contracts import SignalNeed
 from ariac_score.checks.finding_contract import watched_in
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import measures_of
+from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.given import refuse_other
-from ariac_score.engine.ask import ask, charts_of
+from ariac_score.engine.ask import ask_worlds, charts_of
 from ariac_score.engine.prepared import Prepared, Rules, prepare
 from ariac_score.errors import LogError
 from ariac_score.results.result import Coverage, Measured, Result
@@ -48,6 +49,8 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
     refuse_other(trial, Trial, "a trial", "open_trial(path, rules) reads one")
     prepared = prepare(rules)
     findings: dict[str, Finding] = {}
+    opened: list[OpenFindings] = []
+    trial = replace(trial, between=prepared.between)
     # A misspelt quantity is not one that the log happens to lack.
     prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.sampled})
     for name, each in prepared.checks.items():
@@ -55,9 +58,10 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         wanted = prepared.rule_set.checks[name]
         before = stored_name(known, wanted) if known else None
         if known and before is not None:
-            found = stored_findings(known, before, wanted)
+            found, worlds = stored_findings(known, before, wanted), _stored_worlds(known, before, wanted)
         else:
-            found = ask(each.plugin, name, each.check, trial, words=prepared.words)
+            found, worlds = ask_worlds(each.plugin, name, each.check, trial, words=prepared.words)
+        opened += worlds
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
     return Measured(
@@ -77,6 +81,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
+        open=tuple(opened),
     )
 
 
@@ -95,6 +100,12 @@ def stored_findings(known: Result, name: str, check: Check) -> list[Finding]:
     """What a check of a stored result found, as findings of this one."""
     found = known.measured.of(name).values()
     return [f if f.check == check.name else replace(f, check=check.name) for f in found]
+
+
+def _stored_worlds(known: Result, name: str, check: Check) -> list[OpenFindings]:
+    """What is open of a check of a stored result, under the name that it has here."""
+    found = [one for one in known.measured.open if one.check == name]
+    return [one if name == check.name else one.renamed(check.name) for one in found]
 
 
 def needs_alike(first: Prepared, second: Prepared) -> bool:

@@ -22,6 +22,7 @@ from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.trial.bounds import BetweenSamples
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
 from ariac_score.trial.model import Trial
@@ -109,6 +110,11 @@ class Prepared:
     def derivations(self) -> tuple[Derivation, ...]:
         """Every signal that is derived where the log does not have it, with the longest gap it may cross."""
         return tuple(Derivation(need.quantity, need.max_gap_s, need.pair) for need in self.needs)
+
+    @property
+    def between(self) -> BetweenSamples:
+        """What is assumed of the time between samples."""
+        return BetweenSamples()
 
     @property
     def words(self) -> Words:

@@ -62,6 +62,7 @@ from ariac_score.monitors.watched import (
     watch_subjects,
     watched_signals,
 )
+from ariac_score.monitors.worlds import Worse
 from ariac_score.trial.spans import BoolArray
 
 __all__ = [
@@ -94,6 +95,7 @@ __all__ = [
     "Subjects",
     "UndecidedError",
     "Watched",
+    "Worse",
     "bodies",
     "closing_by",
     "exposure",

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import Worlds
 from ariac_score.monitors.watched import Watched
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.signals import Sample
@@ -249,7 +250,7 @@ class JudgedLimit:
     def evidence(self, row: int) -> tuple[Sample, ...]:
         """What was measured at one sample, and the limit where it has a name."""
         measured, bound = self.watched.samples(row), self.bound
-        if not bound.evidence:
+        if not (bound.evidence and measured):
             return measured
         t_s, limit = float(self.watched.t[row]), float(bound.limit[row])
         return (*measured, Sample(f"{bound.evidence}/{self.subject}", t_s, limit, bound.unit))
@@ -257,8 +258,8 @@ class JudgedLimit:
 
 # From limits to findings -----------------------------------------------------------------------
 
-Statement: TypeAlias = Finding | JudgedLimit
-"""What a monitor yields about a trial: findings, and before them the limits they rest on."""
+Statement: TypeAlias = Finding | JudgedLimit | Worlds
+"""What a monitor yields about a trial: findings, before them the limits they rest on, and what is open."""
 
 
 @dataclass(frozen=True)
@@ -362,5 +363,5 @@ def _usual_message(limit: JudgedLimit, rules: FindingRules, row: int, episode: E
 def violations_only(statements: Iterator[Statement]) -> Iterator[Statement]:
     """What a second limit adds: itself and its violations; the first limit reports that all is well."""
     for one in statements:
-        if isinstance(one, JudgedLimit) or one.verdict is Verdict.VIOLATED:
+        if not isinstance(one, Finding) or one.verdict is Verdict.VIOLATED:
             yield one

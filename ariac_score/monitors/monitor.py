@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 from ariac_score.checks.contracts import InstantVerdict, OnlineWatch, SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
@@ -25,7 +26,8 @@ from ariac_score.monitors.limits import (
 )
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
-from ariac_score.monitors.watched import Signals, UndecidedError, Watched, watch_subjects
+from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
+from ariac_score.monitors.worlds import Worse, Worsening, open_worlds, whole_window
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import FloatArray
@@ -96,6 +98,15 @@ class SubjectMonitor:
         return ()
 
     @property
+    def worse(self) -> Mapping[str, Worse]:
+        """Which end of each wanted signal is the worse one, `low` or `high`, whatever the others are.
+
+        Where it says so of all, the time without samples is judged as it can have been at worst and at
+        best; where it does not, a limit counts as broken there at worst, and as kept at best.
+        """
+        return {}
+
+    @property
     def clause(self) -> str:
         """Where the standard or rulebook asks for it."""
         return ""
@@ -145,8 +156,12 @@ class SubjectMonitor:
         """Findings about every subject, and what is not known."""
         return (one for one in self.statements(trial) if isinstance(one, Finding))
 
+    def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
+        """The same, and for what the log leaves open the findings of the best and of the worst world."""
+        return (one for one in self.statements(trial) if isinstance(one, Finding | Worlds))
+
     def statements(self, trial: Trial) -> Iterator[Statement]:
-        """All findings about a trial, and the limits they rest on."""
+        """All findings about a trial, the limits they rest on, and what is open."""
         if self.lacks:
             yield Finding.inconclusive("trial", self.lacks, span=trial.window, clause=self.rules.clause)
             return
@@ -166,7 +181,56 @@ class SubjectMonitor:
             clause=self.rules.clause,
             judge=self.about,
             optional=self._helpful,
+            unseen=_Unseen(self) if trial.between is not None else None,
         )
+
+
+@dataclass(frozen=True)
+class _Unseen:
+    """What a monitor states of the time without samples."""
+
+    monitor: SubjectMonitor
+
+    @property
+    def _says(self) -> Worsening:
+        measures = getattr(self.monitor, "measures", {})
+        t_off_s = getattr(self.monitor, "t_off_s", 0.0)
+        return Worsening(self.monitor.worse, measures, t_off_s, self.monitor.rules.clause)
+
+    @property
+    def _critical(self) -> bool:
+        return bool(getattr(self.monitor, "critical", False))
+
+    def nothing(self, trial: Trial, subject: Subject, why: str) -> Iterator[Statement]:
+        """All of the competition is open."""
+        found = whole_window(trial, subject.name, self._says, why, critical=self._critical)
+        if found is not None:
+            yield found
+
+    def about(
+        self, watched: Watched, judge: Callable[[Watched], Iterable[Statement]], why: str
+    ) -> Iterator[Statement]:
+        """What was seen, and both worlds where they differ."""
+        clause = self.monitor.rules.clause
+        opened = open_worlds(watched, judge, self._says)
+        if opened is not None and watched.gaps and not opened.said:
+            stated = list(opened.statements)  # nothing is undecided: what is kept at worst is kept
+        else:
+            stated = list(seen(watched, judge, clause, None if opened is None else opened.said))
+        yield from stated
+        if opened is not None and not opened.agree:
+            worlds: Worlds | None = opened.worlds
+        elif why:
+            found = tuple(one for one in stated if isinstance(one, Finding))
+            undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in found)
+            worlds = None if undecided else Worlds(watched.subject.name, found, found)
+        else:
+            return
+        if why:
+            name, critical = watched.subject.name, self._critical
+            worlds = whole_window(watched.trial, name, self._says, why, seen=worlds, critical=critical)
+        if worlds is not None:
+            yield worlds
 
 
 class LimitMonitor(SubjectMonitor):

@@ -72,6 +72,7 @@ class Watched:
         optional: The optional signals the log has, by template.
         subject: Whose signals they are.
         trial: Where they are from: its bodies and events.
+        filled: Which samples stand for what may have been, shape (n,), and were not measured; `None`: none.
     """
 
     t: FloatArray
@@ -83,6 +84,7 @@ class Watched:
     optional: Mapping[str, Signal] = field(default_factory=dict)
     subject: Subject = WHOLE_TRIAL
     trial: Trial = field(default_factory=lambda: Trial(""))
+    filled: BoolArray | None = None
     _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
@@ -164,12 +166,20 @@ class Watched:
         of = f" of {self.optional[template].name!r}" if template in self.optional else ""
         return [self._gap(gap, clause, of) for gap in self.hidden_by_gaps(template, due)]
 
-    def gap_findings(self, clause: str) -> list[Finding]:
-        """What the gaps leave open, as findings."""
-        return [self._gap(gap, clause) for gap in self.gaps]
+    def gap_findings(self, clause: str, said: Mapping[Span, str] | None = None) -> list[Finding]:
+        """What the gaps leave open, as findings.
 
-    def _gap(self, gap: Span, clause: str, of: str = "") -> Finding:
+        Args:
+            clause: Where the standard asks for it.
+            said: What can have been in each gap, where that is known; then the others leave nothing open.
+        """
+        if said is None:
+            return [self._gap(gap, clause) for gap in self.gaps]
+        return [self._gap(gap, clause, said=said[gap]) for gap in self.gaps if gap in said]
+
+    def _gap(self, gap: Span, clause: str, of: str = "", *, said: str = "") -> Finding:
         message = f"no samples{of} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+        message += f"; {said}" if said else ""
         return Finding.inconclusive(self.subject.name, message, span=gap, clause=clause)
 
     def __len__(self) -> int:
@@ -186,7 +196,9 @@ class Watched:
         return float(self.t[-1])
 
     def samples(self, row: int) -> tuple[Sample, ...]:
-        """What was measured in one row, as evidence."""
+        """What was measured in one row, as evidence; nothing where it was not."""
+        if self.filled is not None and self.filled[row]:
+            return ()
         return tuple(
             Sample(name, float(self.t[row]), _plain(column[row]), self.units[name])
             for name, column in self.columns.items()
@@ -248,6 +260,18 @@ Yielded = TypeVar("Yielded")
 """What a judge yields: findings, or what its monitor turns into findings."""
 
 
+class UnseenJudge(Protocol[Yielded]):
+    """What a monitor states of the time without samples."""
+
+    def nothing(self, trial: Trial, subject: Subject, why: str, /) -> Iterator[Yielded]:
+        """What is open about a subject of whom a signal is missing."""
+
+    def about(
+        self, watched: Watched, judge: Callable[[Watched], Iterable[Yielded]], why: str, /
+    ) -> Iterator[Finding | Yielded]:
+        """Everything about a subject; `why` says what leaves all of the competition open, if not empty."""
+
+
 def watch_subjects(
     trial: Trial,
     subjects: Iterable[Subject],
@@ -257,6 +281,7 @@ def watch_subjects(
     clause: str,
     judge: Callable[[Watched], Iterable[Yielded]],
     optional: Mapping[str, str] | None = None,
+    unseen: UnseenJudge[Yielded] | None = None,
 ) -> Iterator[Finding | Yielded]:
     """Judge every subject; what cannot be judged is inconclusive.
 
@@ -268,30 +293,45 @@ def watch_subjects(
         clause: Clause for the findings about what is missing.
         judge: Findings about one subject.
         optional: Unit by signal template, of signals that help where the log has them.
+        unseen: What it makes of the time without samples; `None`: it is open.
     """
     for subject in subjects:
         try:
             watched = _watched(trial, subject, wanted, optional or {}, max_gap_s)
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
+            yield from () if unseen is None else unseen.nothing(trial, subject, str(missing))
             continue
+        why = ""
         # A log with neither event is taken for a recording of the competition alone.
         if (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
-            message = (
-                f"the log does not show the {missing_end} of the competition, so part of it may be missing"
-            )
-            yield Finding.inconclusive(subject.name, message, span=trial.window, clause=clause)
-        yield from watched.gap_findings(clause)
-        if not len(watched):
-            continue
-        try:
-            # To the end before anything is stated: half a judgement is none.
-            judged = list(judge(watched))
-        except (UndecidedError, MissingSignalError) as undecided:
-            yield Finding.inconclusive(subject.name, str(undecided), span=trial.window, clause=clause)
+            why = f"the log does not show the {missing_end} of the competition, so part of it may be missing"
+            yield Finding.inconclusive(subject.name, why, span=trial.window, clause=clause)
+        if unseen is not None:
+            yield from unseen.about(watched, judge, why)
         else:
-            yield from judged
+            yield from seen(watched, judge, clause)
+
+
+def seen(
+    watched: Watched,
+    judge: Callable[[Watched], Iterable[Yielded]],
+    clause: str,
+    said: Mapping[Span, str] | None = None,
+) -> Iterator[Finding | Yielded]:
+    """What is known of a subject: its gaps, and everything about its samples."""
+    yield from watched.gap_findings(clause, said)
+    if not len(watched):
+        return
+    try:
+        # To the end before anything is stated: half a judgement is none.
+        judged = list(judge(watched))
+    except (UndecidedError, MissingSignalError) as undecided:
+        span = watched.trial.window
+        yield Finding.inconclusive(watched.subject.name, str(undecided), span=span, clause=clause)
+    else:
+        yield from judged
 
 
 def _watched(

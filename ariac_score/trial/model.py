@@ -11,6 +11,7 @@ import numpy as np
 
 from ariac_score.errors import LogError, MissingSignalError, UsageError
 from ariac_score.trial import quaternions
+from ariac_score.trial.bounds import BetweenSamples
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frames import frame
@@ -253,6 +254,7 @@ class Trial:
             `time_limit_s`; `None`: known to be absent; what is not stated has no entry.
         records: What the readers of a competition keep for its own checks; the core never looks inside.
         read_with: The entry points, as group and name, that its readers asked for help; a result names them.
+        between: What is assumed of the time between samples; `None`: nothing, and gaps are not bounded.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -275,6 +277,7 @@ class Trial:
     records: tuple[Record, ...] = ()
     as_consumed: Mapping[str, Series] = field(default_factory=lambda: FrozenMap({}))
     read_with: frozenset[tuple[str, str]] = field(default=frozenset(), compare=False)
+    between: BetweenSamples | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))

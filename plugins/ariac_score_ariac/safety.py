@@ -40,6 +40,7 @@ from ariac_score.monitors import (
     Rows,
     Signals,
     Watched,
+    Worse,
     pairs,
     rows_of_episodes,
     watched_signals,
@@ -91,6 +92,11 @@ class HumanContact(MarginMonitor):
     def wanted(self) -> dict[str, str]:
         """The distance between the two."""
         return {self._template: "m"}
+
+    @property
+    def worse(self) -> dict[str, Worse]:
+        """Nearer."""
+        return {self._template: "low"}
 
     @property
     def encounter(self) -> Encounter:

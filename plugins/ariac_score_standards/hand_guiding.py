@@ -17,6 +17,7 @@ from ariac_score.monitors import (
     LimitMonitor,
     Reach,
     Watched,
+    Worse,
     bodies,
     first_of_runs,
 )
@@ -49,6 +50,7 @@ class HandGuiding(LimitMonitor):
 
     subjects = bodies("robot")
     wanted: ClassVar[Mapping[str, str]] = {"speed/{robot}": "m/s"}
+    worse: ClassVar[Mapping[str, Worse]] = {"speed/{robot}": "high"}
     what, unit = "speed of the guided robot", "m/s"
     clause = "derived from ISO/TS 15066:2016, 5.5.3"
     idle = "the robot was never guided by hand"

@@ -17,6 +17,7 @@ from ariac_score.monitors import (
     Subject,
     Subjects,
     Watched,
+    Worse,
     bodies,
     nobody,
     severity_measures,
@@ -65,6 +66,11 @@ class ReducedSpeed(LimitMonitor):
     def wanted(self) -> dict[str, str]:
         """The speed."""
         return {f"{self.speed}/{{robot}}": "m/s"}
+
+    @property
+    def worse(self) -> dict[str, Worse]:
+        """Faster; who is in a zone, no bound of a distance tells."""
+        return {} if self.applies == "human_in_zone" else dict.fromkeys(self.wanted, "high")
 
     @property
     def flags(self) -> tuple[str, ...]:

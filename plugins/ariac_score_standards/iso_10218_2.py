@@ -24,6 +24,7 @@ from ariac_score.monitors import (
     LimitMonitor,
     Reach,
     Watched,
+    Worse,
     first_of_runs,
     pairs,
 )
@@ -191,6 +192,11 @@ class PflSpeed(LimitMonitor):
         if self._at_contact:
             return {APART: "m", _RELATIVE: "m/s"}
         return {APART: "m", TOWARDS_HUMAN: "m/s", TOWARDS_ROBOT: "m/s"}
+
+    @property
+    def worse(self) -> dict[str, Worse]:
+        """Nearer and faster; how often bodies touch, no bound of their distance tells."""
+        return {} if self._at_contact else {APART: "low", TOWARDS_HUMAN: "high", TOWARDS_ROBOT: "high"}
 
     @property
     def _at_contact(self) -> bool:

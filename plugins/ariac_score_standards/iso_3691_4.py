@@ -23,6 +23,7 @@ from ariac_score.monitors import (
     Statement,
     UndecidedError,
     Watched,
+    Worse,
     bodies,
     exposure,
     first_of_runs,
@@ -122,6 +123,11 @@ class AgvSpeedClearance(LimitMonitor):
         """The speed, and where the truck is, where that tells how much space it has."""
         places = {"position/{agv}": "m"} if self.obstacles else {}
         return {"speed/{agv}": "m/s", **places}
+
+    @property
+    def worse(self) -> dict[str, Worse]:
+        """Faster; how much space a place leaves, no bound of a speed tells."""
+        return {} if self.obstacles else {"speed/{agv}": "high"}
 
     def needs(self) -> Iterator[SignalNeed]:
         """Speed, clearance or position, and the flag of the detection."""

@@ -20,6 +20,7 @@ from ariac_score.monitors import (
     FindingRules,
     LimitMonitor,
     Signals,
+    Worse,
     pairs,
 )
 from ariac_score_standards.parameters import LENGTH, SPEED, TIME
@@ -382,6 +383,11 @@ class SsmFormula(LimitMonitor):
         if self._directed:
             wanted[TOWARDS_HUMAN] = "m/s"
         return wanted
+
+    @property
+    def worse(self) -> dict[str, Worse]:
+        """Nearer, and faster: the requirement grows with either speed."""
+        return {template: "low" if unit == "m" else "high" for template, unit in self.wanted.items()}
 
     @cached_property
     def encounter(self) -> Encounter:

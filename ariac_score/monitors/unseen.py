@@ -1,0 +1,380 @@
+"""What signals can have been where no sample shows them: their least and most in every cell of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ariac_score.monitors.gaps import between, highest_speed, lowest_speed, places_apart
+from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples, MotionBound
+from ariac_score.trial.computed import Computed
+from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct
+from ariac_score.trial.vocabulary import quantity_of, subject_of
+
+__all__ = ["Cells", "Stream", "Unseen", "cells_of"]
+
+TOLERANCE_S = 1e-9
+INSTANT_S = 1e-9
+"""A sample stands for itself alone where the time after it is bounded."""
+
+CELL_M = 0.005
+"""A cell is so short that nothing moves further in it, within the least and the most number of them."""
+LEAST_CELLS, MOST_CELLS = 2, 256
+
+FAR_M = 1e6
+"""Stands for a distance that nothing bounds."""
+
+DISTANCES = ("centre_distance", "centre_distance_2d", "separation", "body_separation")
+SPEEDS = ("speed", "tcp_speed")
+APPROACHES = ("approach_speed_robot", "approach_speed_human")
+
+
+# Streams and their open intervals --------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Samples that were recorded together, and which intervals between them are open.
+
+    Interval k is the one after sample k - 1: the first is before all samples, the last after them.
+
+    Attributes:
+        signal: One of the recorded signals.
+        open: Which intervals are open, shape (n + 1,).
+    """
+
+    signal: Signal
+    open: BoolArray
+
+    @property
+    def t(self) -> FloatArray:
+        """The sample times, shape (n,), s."""
+        return self.signal.t
+
+    @classmethod
+    def of(cls, signal: Signal, window: Span, max_gap_s: float, assumed: BetweenSamples) -> Stream:
+        """The stream of a recorded signal.
+
+        Args:
+            signal: As recorded.
+            window: The competition.
+            max_gap_s: Longest stretch without a sample that a monitor accepts, s.
+            assumed: Whether every interval is open.
+        """
+        t = signal.t
+        edges = np.concatenate(([-np.inf], t, [np.inf]))
+        start = np.maximum(edges[:-1], window.start_s)
+        lasts = np.minimum(edges[1:], window.end_s) - start
+        inside = (t >= window.start_s) & (t <= window.end_s)
+        steps = np.diff(t[inside])
+        usual = float(np.median(steps)) if len(steps) else math.inf
+        longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
+        whole = np.diff(edges)  # an interval that the window cuts is as long as it is
+        whole[[0, -1]] = lasts[[0, -1]]
+        return cls(signal, (whole > longest + TOLERANCE_S) & (lasts > TOLERANCE_S))
+
+    def spans(self, window: Span) -> list[Span]:
+        """The open intervals, as far as they lie in a window."""
+        edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
+        return [Span(float(edges[k]), float(edges[k + 1])) for k in np.flatnonzero(self.open)]
+
+
+# Cells -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The time of a competition, cut so that in each cell every stream is measured or open.
+
+    Attributes:
+        t: When each begins, shape (n,), s.
+        end: When each ends, shape (n,), s; the last one has no length.
+    """
+
+    t: FloatArray
+    end: FloatArray
+
+
+def cells_of(
+    window: Span, measured: Sequence[FloatArray], streams: Sequence[Stream], rate_m_s: float
+) -> Cells:
+    """The cells between samples.
+
+    Args:
+        window: The competition.
+        measured: Times of samples, each shape (k,), s.
+        streams: Their open intervals are cut finely.
+        rate_m_s: How fast anything changes, m/s: the faster, the finer.
+    """
+    found = [np.array([window.start_s, window.end_s]), *measured]
+    for stream in streams:
+        for span in stream.spans(window):
+            many = math.ceil(rate_m_s * span.duration_s / CELL_M) if math.isfinite(rate_m_s) else MOST_CELLS
+            count = min(max(many, LEAST_CELLS), MOST_CELLS)
+            found.append(np.linspace(span.start_s, span.end_s, count + 1))
+            found.append(np.array([min(span.start_s + INSTANT_S, span.end_s)]))
+            inside = stream.t[(stream.t >= span.start_s) & (stream.t <= span.end_s)]
+            found.append(inside)
+    t = distinct(np.concatenate(found))
+    t = t[(t >= window.start_s) & (t <= window.end_s)]
+    return Cells(t, np.append(t[1:], t[-1:]))
+
+
+Places = NDArray[np.intp]
+"""Numbers of samples, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """For each cell the samples of a stream before and after it.
+
+    Attributes:
+        before: Number of the sample before, shape (n,); -1: there is none.
+        after: Of the one after; the number of samples: there is none.
+        since_s: From the sample before to the end of the cell, s; infinite where there is none.
+        until_s: From the beginning of the cell to the sample after, likewise.
+        open: Whether nothing is known in the cell but these two.
+    """
+
+    before: Places
+    after: Places
+    since_s: FloatArray
+    until_s: FloatArray
+    open: BoolArray
+
+    @classmethod
+    def of(cls, stream: Stream, cells: Cells, error_s: float) -> _Sides:
+        t = stream.t
+        edges = np.concatenate(([-np.inf], t, [np.inf]))
+        after = np.searchsorted(t, cells.t, side="right")
+        at_sample = (edges[after] == cells.t) & (cells.end - cells.t <= 2 * INSTANT_S)
+        is_open = stream.open[after] & ~(at_sample & (error_s == 0.0))
+        since_s = np.where(np.isinf(edges[after]), np.inf, cells.end - edges[after] + error_s)
+        until_s = np.where(np.isinf(edges[after + 1]), np.inf, edges[after + 1] - cells.t + error_s)
+        return cls(after - 1, after, since_s, until_s, is_open)
+
+    def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The values before and after each cell; NaN where there is no sample."""
+        none = np.full((1, *column.shape[1:]), np.nan)
+        padded = np.concatenate([none, column, none])
+        return padded[self.before + 1], padded[self.after + 1]
+
+
+# Bounds of signals -----------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class Unseen:
+    """What the signals of a trial can have been between their samples.
+
+    Attributes:
+        trial: With the bounds of its bodies.
+        assumed: Of the time between samples.
+        window: The competition.
+        max_gap_s: Longest stretch without a sample that the monitor accepts, s.
+        remarks: What broke a default bound, so that nothing bounds it there.
+    """
+
+    trial: Trial
+    assumed: BetweenSamples
+    window: Span
+    max_gap_s: float
+    remarks: dict[str, None] = field(default_factory=dict)
+    _streams: dict[str, Stream] = field(default_factory=dict)
+
+    # Where a signal is from -------------------------------------------------------------------
+
+    def streams(self, signal: Signal) -> list[Stream]:
+        """The recorded streams that a signal follows from; itself where it is recorded."""
+        return [self._stream(one) for one in self._recorded(signal)]
+
+    def _stream(self, signal: Signal) -> Stream:
+        if signal.name not in self._streams:
+            self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
+        return self._streams[signal.name]
+
+    def _recorded(self, signal: Signal) -> list[Signal]:
+        if not isinstance(signal, Computed):
+            return [signal]
+        found = []
+        for body in self._bodies(signal.name):
+            for point in _points(body, whole=quantity_of(signal.name) in SPEEDS):
+                for quantity in ("velocity", "position"):
+                    one = self.trial.signals.get(f"{quantity}/{point}")
+                    if one is not None and not isinstance(one, Computed):
+                        found.append(one)
+                        if quantity_of(signal.name) in SPEEDS:
+                            break
+        return found or [signal]
+
+    def _bodies(self, name: str) -> list[Body]:
+        known = {body.id: body for body in self.trial.bodies}
+        ids = [part.partition("::")[0] for part in subject_of(name).split("/")]
+        return [known[one] for one in ids if one in known]
+
+    def _motion(self, name: str) -> list[MotionBound] | None:
+        """The bounds of the bodies that a signal is about; `None` where one of them has none."""
+        bodies = self._bodies(name)
+        bounds = [self.assumed.of(body.kind) for body in bodies]
+        known = [one for one in bounds if one is not None]
+        return known if len(known) == len(subject_of(name).split("/")) else None
+
+    # What it can have been --------------------------------------------------------------------
+
+    def rate_m_s(self, signal: Signal) -> float:
+        """How fast the bodies of a signal can move together, m/s; infinite where nobody knows."""
+        motion = self._motion(signal.name)
+        return math.inf if motion is None else sum(one.max_speed_m_s for one in motion)
+
+    def bounds(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
+        """The least and the most of a signal in each cell; `None` where nothing bounds it.
+
+        Where it is measured both are its value at the beginning of the cell, which stands until the next.
+        """
+        quantity, motion = quantity_of(signal.name), self._motion(signal.name)
+        if motion is None or not len(signal):
+            return None
+        sides = [_Sides.of(stream, cells, self.assumed.time_error_s) for stream in self.streams(signal)]
+        is_open = np.any([one.open for one in sides], axis=0)
+        total = sum(one.max_speed_m_s for one in motion)
+        if quantity in DISTANCES:
+            found = self._distance(signal, cells, sides, total)
+        elif quantity in SPEEDS:
+            found = self._speed(signal, sides, motion[0])
+        elif quantity in APPROACHES:
+            fastest = motion[quantity == APPROACHES[1]].max_speed_m_s
+            found = np.full(len(cells.t), -fastest), np.full(len(cells.t), fastest)
+        elif quantity == "relative_speed":
+            found = np.zeros(len(cells.t)), np.full(len(cells.t), total)
+        else:
+            return None
+        held = signal.at(cells.t)
+        least, most = (np.where(is_open, one, held) for one in found)
+        return least, most
+
+    def _distance(
+        self, signal: Signal, cells: Cells, sides: Sequence[_Sides], rate: float
+    ) -> tuple[FloatArray, FloatArray]:
+        error_m = self.assumed.distance_error_m
+        if isinstance(signal, Computed) and (apart := self._of_places(signal, cells)) is not None:
+            least, most = apart
+        else:
+            (only,) = sides[:1]
+            before, after = only.values(signal.values)
+            least, most = between(before, after, only.since_s, only.until_s, rate)
+            self._refuse_no_path(signal.name, cells, least, most, only.open, error_m)
+        unbounded = (least > most + 2 * error_m + 1e-9) | ~np.isfinite(most)
+        least = np.where(unbounded, 0.0, np.maximum(least - error_m, 0.0))
+        return least, np.where(unbounded, FAR_M, most + error_m)
+
+    def _refuse_no_path(
+        self, name: str, cells: Cells, least: FloatArray, most: FloatArray, where: BoolArray, error_m: float
+    ) -> None:
+        broken = np.flatnonzero(where & (least > most + 2 * error_m + 1e-9))
+        if len(broken):
+            speeds = " and ".join(
+                f"{one.max_speed_m_s:g} m/s of {body.id!r}"
+                for body, one in zip(self._bodies(name), self._motion(name) or (), strict=False)
+            )
+            self.remarks[f"at {cells.t[broken[0]]:.3f} s faster than the default bound, {speeds}"] = None
+
+    def _of_places(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
+        """From where the nearest points of two bodies can be; `None` where a place is not recorded."""
+        first, second = self._bodies(signal.name)
+        components = 2 if quantity_of(signal.name) == "centre_distance_2d" else 3
+        places = [self._places(body, cells, components) for body in (first, second)]
+        if places[0] is None or places[1] is None:
+            return None
+        least, most = np.full(len(cells.t), np.inf), np.full(len(cells.t), np.inf)
+        for one in places[0]:
+            for other in places[1]:
+                low, high = places_apart(one, other)
+                least, most = np.minimum(least, low), np.minimum(most, high)
+        if quantity_of(signal.name) in ("separation", "body_separation"):
+            radii = (first.radius_m or 0.0) + (second.radius_m or 0.0)
+            least, most = np.maximum(least - radii, 0.0), np.maximum(most - radii, 0.0)
+        return least, most
+
+    def _places(self, body: Body, cells: Cells, components: int) -> list[_Known] | None:
+        """Where each point of a body can be in each cell."""
+        motion = self.assumed.of(body.kind)
+        found: list[_Known] = []
+        for point in _points(body):
+            position = self.trial.signals.get(f"position/{point}")
+            if position is None or motion is None or not len(position):
+                return None
+            sides = _Sides.of(self._stream(position), cells, self.assumed.time_error_s)
+            values = position.values[:, :components]
+            before, after = sides.values(values)
+            held = position.at(cells.t)[:, :components]
+            since_m, until_m = (
+                np.where(np.isinf(one), np.inf, motion.max_speed_m_s * one)
+                for one in (sides.since_s, sides.until_s)
+            )
+            known = ~sides.open
+            before = np.where((known | np.isinf(since_m))[:, None], held, before)
+            after = np.where((known | np.isinf(until_m))[:, None], held, after)
+            since_m, until_m = np.where(known, 0.0, since_m), np.where(known, 0.0, until_m)
+            step = np.sqrt(np.sum((after - before) ** 2, axis=1))
+            broken = np.flatnonzero(sides.open & (step > since_m + until_m + 1e-9))
+            if len(broken):
+                self.remarks[
+                    f"{point!r} at {cells.t[broken[0]]:.3f} s faster than the default bound of "
+                    f"{motion.max_speed_m_s:g} m/s"
+                ] = None
+                since_m[broken], until_m[broken] = np.inf, np.inf
+            found.append((before, after, since_m, until_m))
+        return found
+
+    def _speed(
+        self, signal: Signal, sides: Sequence[_Sides], motion: MotionBound
+    ) -> tuple[FloatArray, FloatArray]:
+        top, change = motion.max_speed_m_s, motion.max_acceleration_m_s2
+        least, most = np.zeros(len(sides[0].open)), np.zeros(len(sides[0].open))
+        for one, recorded in zip(sides, self._recorded(signal), strict=True):
+            if quantity_of(recorded.name) == "position":
+                low, high = self._from_places(recorded, one, top, change)
+            else:
+                values = recorded.values
+                column = np.sqrt(np.sum(values * values, axis=1)) if values.ndim > 1 else values
+                before, after = one.values(column)
+                high = highest_speed(before, after, one.since_s, one.until_s, speed=top, acceleration=change)
+                low = lowest_speed(before, after, one.since_s, one.until_s, acceleration=change)
+                # A sample above a default bound: no less than that sample bounds it.
+                fastest = np.fmax(np.fmax(before, after), top)
+                high = np.where(fastest > top, fastest, high)
+                if (one.open & (fastest > top * (1 + 1e-9))).any():
+                    self.remarks[f"{recorded.name!r} above the default bound of {top:g} m/s"] = None
+            least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
+        return least, most
+
+    def _from_places(
+        self, position: Signal, sides: _Sides, top: float, change: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Within half of what it can change in an interval, a speed is the mean one of that interval."""
+        before, after = sides.values(position.values)
+        t = np.concatenate(([-np.inf], position.t, [np.inf]))
+        gap_s = t[sides.after + 1] - t[sides.before + 1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.sqrt(np.sum((after - before) ** 2, axis=1)) / gap_s
+            swing = change * gap_s / 2.0
+        loose = ~np.isfinite(mean) | ~np.isfinite(swing)
+        high = np.where(loose, top, np.minimum(mean + swing, top))
+        low = np.where(loose, 0.0, np.maximum(mean - swing, 0.0))
+        return low, high
+
+
+_Known = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Where a point is before and after each cell, and how far it can be from there."""
+
+
+def _points(body: Body, *, whole: bool = False) -> list[str]:
+    """The tracks that stand for a body: its links, or its origin; for its speed both."""
+    links = [f"{body.id}::{link}" for link in body.links]
+    return [body.id, *links] if whole else links or [body.id]

@@ -1,0 +1,475 @@
+"""The best and the worst world that a log allows, as a monitor sees them.
+
+A monitor that says how its margin responds to its signals judges the same statement on the least and on
+the most of them. Of any other nothing is known where samples lack: in the best world its limit is kept
+there, in the worst it is broken all the time, at full depth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ariac_score.checks.findings import Finding, Verdict, canonical
+from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import Cause, Worlds
+from ariac_score.monitors.limits import JudgedLimit, Statement
+from ariac_score.monitors.unseen import Cells, Stream, Unseen, cells_of
+from ariac_score.monitors.watched import UndecidedError, Watched
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import BoolArray, FloatArray, Span
+from ariac_score.trial.sums import exact_sum
+
+__all__ = ["Opened", "Worse", "Worsening", "open_worlds", "whole_window"]
+
+Worse: TypeAlias = Literal["low", "high"]
+"""Which end of a signal is the worse one."""
+
+Judge: TypeAlias = Callable[[Watched], Iterable[Statement]]
+
+OPTIONAL_WORSE: Mapping[str, Worse] = {"m": "low", "m/s": "high"}
+"""Of signals that only help: near and fast is worse."""
+
+
+RESOLUTION_S = 1e-8
+"""Cells of an instant make times differ by less than this."""
+
+
+@dataclass(frozen=True)
+class Worsening:
+    """What a monitor says of itself so that worlds can be judged.
+
+    Attributes:
+        signals: Which end of each signal that is wanted is the worse one; empty: it does not say.
+        measures: The quantities of its findings.
+        t_off_s: Pauses shorter than this are bridged, s.
+        clause: Where the standard asks for it.
+    """
+
+    signals: Mapping[str, Worse]
+    measures: Mapping[str, Measure]
+    t_off_s: float
+    clause: str
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What the intervals without samples leave open about a subject.
+
+    Attributes:
+        worlds: The findings of both worlds.
+        statements: What was stated in the worst one.
+        agree: Whether both worlds have the same findings, margins aside: then nothing is open.
+        said: For each gap in which they differ, what can have been in it, in words.
+    """
+
+    worlds: Worlds
+    statements: tuple[Statement, ...]
+    agree: bool
+    said: Mapping[Span, str] = field(default_factory=dict)
+
+
+def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | None:
+    """Both worlds of a subject; `None` where no interval is open, or nothing can be judged in them.
+
+    Args:
+        watched: The signals as they were seen.
+        judge: Everything about them.
+        monitor: How it responds.
+    """
+    trial = watched.trial
+    assumed, window = trial.between, trial.window
+    if assumed is None or window is None or not watched.names:
+        return None
+    signals = {template: trial.signals[name] for template, name in watched.names.items()}
+    unseen = Unseen(trial, assumed, window, watched.max_gap_s)
+    streams = list(
+        {one.signal.name: one for signal in signals.values() for one in unseen.streams(signal)}.values()
+    )
+    opened = [one for one in streams if one.open.any()]
+    if not opened:
+        return None
+    try:
+        if monitor.signals.keys() >= signals.keys():
+            found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window))
+            if found is not None:
+                return found
+        # What is shorter than its longest gap, a monitor that says no more accepts.
+        spans = list(watched.gaps)
+        if assumed.every:
+            spans += [span for stream in opened for span in stream.spans(window)]
+        return _blunt(watched, judge, monitor, opened, _merged(spans)) if spans else None
+    except UndecidedError:
+        return None
+
+
+# Bounded by how fast bodies move ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """What is needed to fill a subject's signals."""
+
+    unseen: Unseen
+    signals: Mapping[str, Signal]
+    opened: Sequence[Stream]
+    window: Span
+
+    def cells(self) -> Cells:
+        rate = max(self.unseen.rate_m_s(signal) for signal in self.signals.values())
+        measured = [signal.t for signal in self.signals.values()]
+        return cells_of(self.window, measured, self.opened, rate)
+
+
+def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) -> Opened | None:
+    cells = grid.cells()
+    ends = {template: grid.unseen.bounds(signal, cells) for template, signal in grid.signals.items()}
+    known = {template: both for template, both in ends.items() if both is not None}
+    if len(known) < len(ends):
+        return None
+    optional = {}
+    for template, signal in watched.optional.items():
+        both = grid.unseen.bounds(signal, cells)
+        worse = OPTIONAL_WORSE.get(signal.unit)
+        if both is not None and worse is not None and signal.values.ndim == 1:
+            optional[template] = signal, both, worse
+    filled = np.any([both[0] != both[1] for both in known.values()], axis=0)
+
+    def world(worst: bool) -> Watched:
+        def end(both: tuple[FloatArray, FloatArray], worse: Worse) -> FloatArray:
+            return both[(worse == "high") == worst]
+
+        columns = {watched.names[t]: end(both, monitor.signals[t]) for t, both in known.items()}
+        helpful = {
+            t: Signal(signal.name, signal.unit, cells.t, end(both, worse))
+            for t, (signal, both, worse) in optional.items()
+        }
+        return replace(
+            watched,
+            t=cells.t,
+            columns=columns,
+            gaps=[],
+            optional={**watched.optional, **helpful},
+            filled=filled,
+        )
+
+    best, worst = _statements(world(False), judge), _statements(world(True), judge)
+    most, least = (_limits(one) for one in (worst, best))
+    fewest = _joined(_findings(best), _findings(worst))
+    extra = _further(least, most, _findings(worst), monitor)
+    said = {gap: words for gap in watched.gaps if (words := _said(gap, least, most))}
+    agree = not extra and _alike(fewest, _findings(worst))
+    # One distance is bounded by two paths that may have been; more signals need not go together.
+    tight = len(known) == 1 and not extra and fewest == _findings(best) and not grid.unseen.remarks
+    causes = _causes(grid.opened, grid.window, tuple(grid.unseen.remarks), _differing(least, most))
+    worlds = Worlds(watched.subject.name, tuple(fewest), (*_findings(worst), *extra), causes, tight)
+    return Opened(worlds, tuple(worst), agree, said)
+
+
+def _statements(watched: Watched, judge: Judge) -> list[Statement]:
+    return list(judge(watched))
+
+
+def _findings(statements: Iterable[Statement]) -> list[Finding]:
+    return [one for one in statements if isinstance(one, Finding)]
+
+
+def _limits(statements: Iterable[Statement]) -> list[JudgedLimit]:
+    return [one for one in statements if isinstance(one, JudgedLimit)]
+
+
+def _broken_s(limits: Sequence[JudgedLimit], within: Span) -> float:
+    """How long a limit is broken within a span, the longest of several limits, s."""
+    found = [0.0]
+    for limit in limits:
+        t = limit.watched.t
+        rows = slice(int(t.searchsorted(within.start_s)), int(t.searchsorted(within.end_s)))
+        found.append(exact_sum(limit.watched.durations_s[rows][limit.bound.broken[rows]]))
+    return max(found)
+
+
+def _said(gap: Span, best: Sequence[JudgedLimit], worst: Sequence[JudgedLimit]) -> str:
+    """What can have been in a gap; empty where both worlds break their limits alike in it."""
+    least_s, most_s = _broken_s(best, gap), _broken_s(worst, gap)
+    if most_s - least_s <= RESOLUTION_S:
+        return ""
+    if least_s > RESOLUTION_S:
+        return f"a violation was certain in it, for {least_s:.3f} to {most_s:.3f} s"
+    return f"a violation was possible in it, for 0 to {most_s:.3f} s"
+
+
+def _differing(
+    best: Sequence[JudgedLimit], worst: Sequence[JudgedLimit]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Beginning and end of the cells that only one of the worlds breaks a limit in."""
+    found = []
+    for one, other in zip(best, worst, strict=False):
+        rows = np.flatnonzero(one.bound.broken != other.bound.broken)
+        t = one.watched.t
+        found.append((t[rows], t[np.minimum(rows + 1, len(t) - 1)]))
+    return found
+
+
+# Episodes are not monotone: two that touch are one ----------------------------------------------
+
+
+def _violations(findings: Iterable[Finding]) -> list[Finding]:
+    return [one for one in findings if one.verdict is Verdict.VIOLATED and one.span is not None]
+
+
+def _joined(best: Sequence[Finding], worst: Sequence[Finding]) -> list[Finding]:
+    """The best findings with as few violations as there can be: what one in the worst world covers is one."""
+    found = list(best)
+    for whole in _violations(worst):
+        inside = [
+            one for one in _violations(found) if one.span and whole.span and one.span.overlaps(whole.span)
+        ]
+        if len(inside) > 1:
+            found = [one for one in found if one not in inside[1:]]
+            found[found.index(inside[0])] = _together(inside)
+    return found
+
+
+def _together(violations: Sequence[Finding]) -> Finding:
+    """One violation with all the time of several; its span is that of the first, so that none costs more."""
+    first = violations[0]
+    quantities = {
+        name: (max if _is_maximum(name) else exact_sum)(one.quantities.get(name, 0.0) for one in violations)
+        for name in first.quantities
+    }
+    margins = [one.robustness for one in violations if one.robustness is not None]
+    return replace(
+        first,
+        message=f"{first.message}; {len(violations) - 1} more may be one with it",
+        quantities=quantities,
+        robustness=min(margins) if margins else None,
+    )
+
+
+def _is_maximum(name: str) -> bool:
+    return "max" in name or name == "exposure_s"
+
+
+def _further(
+    best: Sequence[JudgedLimit], worst: Sequence[JudgedLimit], found: Sequence[Finding], monitor: Worsening
+) -> list[Finding]:
+    """Violations that one of the worst world may have been instead: how many pauses fit into it.
+
+    Their time and depth are in that one; so a sum over violations has its most, and so has their number.
+    """
+    further = []
+    for one, other in zip(best, worst, strict=False):
+        t = other.watched.t
+        usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+        pause_s = max(monitor.t_off_s, usual)
+        if pause_s <= 0.0:
+            continue
+        safe = ~one.bound.broken
+        for violation in _violations(found):
+            if violation.span is None:
+                continue
+            for span in _runs(t, safe & (t >= violation.span.start_s) & (t < violation.span.end_s)):
+                for number in range(math.floor(span.duration_s / pause_s + 1e-9)):
+                    at_s = span.start_s + number * pause_s
+                    further.append(_touch(violation, at_s))
+    return further
+
+
+def _touch(violation: Finding, at_s: float) -> Finding:
+    nothing = {name: n if name == "exposure_s" else 0.0 for name, n in violation.quantities.items()}
+    return replace(
+        violation,
+        message="may have ended and begun again; its time and depth are in the violation around it",
+        span=Span(at_s, at_s),
+        robustness=None if violation.robustness is None else 0.0,
+        quantities=nothing,
+        evidence=(),
+    )
+
+
+def _runs(t: FloatArray, holds: BoolArray) -> list[Span]:
+    rows = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
+    return [
+        Span(float(t[first]), float(t[min(after, len(t) - 1)]))
+        for first, after in zip(rows[::2], rows[1::2], strict=True)
+    ]
+
+
+def _alike(best: Sequence[Finding], worst: Sequence[Finding]) -> bool:
+    """Whether both worlds have the same findings; a margin that is kept may be smaller in the one."""
+    return len(best) == len(worst) and all(map(_same, best, worst))
+
+
+def _same(one: Finding, other: Finding) -> bool:
+    if (one.verdict, one.critical, one.labels) != (other.verdict, other.critical, other.labels):
+        return False
+    numbers = [{name: canonical(n) for name, n in f.quantities.items()} for f in (one, other)]
+    if numbers[0] != numbers[1]:
+        return False
+    ends = [f.span and (round(f.span.start_s, 8), round(f.span.end_s, 8)) for f in (one, other)]
+    return ends[0] == ends[1] and (one.verdict is not Verdict.VIOLATED or one.robustness == other.robustness)
+
+
+# Nothing is known ------------------------------------------------------------------------------
+
+
+def _blunt(
+    watched: Watched, judge: Judge, monitor: Worsening, opened: Sequence[Stream], spans: Sequence[Span]
+) -> Opened:
+    """Kept in the best world, broken at full depth in the worst, in every open span."""
+    seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
+    best = _findings(seen)
+    broken = [finding for span in spans for finding in _all_of(watched.subject.name, span, monitor, best)]
+    worst = [one for one in best if one.verdict is Verdict.VIOLATED] + broken
+    said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
+    causes = _causes_of(opened, spans)
+    worlds = Worlds(watched.subject.name, tuple(_bridged(best, spans)), tuple(worst), causes)
+    return Opened(worlds, tuple(seen), agree=False, said=said)
+
+
+def _bridged(findings: Sequence[Finding], spans: Sequence[Span]) -> list[Finding]:
+    """The findings, with violations on both sides of an open span as one."""
+    found = list(findings)
+    for span in spans:
+        for one, other in pairwise(_violations(found)):
+            if (
+                one.span
+                and other.span
+                and one.span.end_s >= span.start_s - 1e-9
+                and one.span.overlaps(
+                    Span(min(span.start_s, one.span.end_s), max(span.end_s, one.span.end_s))
+                )
+                and other.span.start_s <= span.end_s + 1e-9
+                and other.span.start_s >= span.start_s
+            ):
+                found[found.index(one)] = _together([one, other])
+                found.remove(other)
+    return found
+
+
+def _all_of(subject: str, span: Span, monitor: Worsening, seen: Sequence[Finding]) -> list[Finding]:
+    """Violations that last all of a span, as many as pauses fit into it."""
+    critical = any(one.critical for one in seen)
+    lasts_s = span.duration_s
+    known = {
+        "time_in_violation_s": lasts_s,
+        "relative_depth_max": 1.0,
+        "relative_depth_integral_s": lasts_s,
+        "exposure_s": max([lasts_s, *(one.quantities.get("exposure_s", 0.0) for one in seen)]),
+    }
+    quantities = {name: n for name, n in known.items() if name in monitor.measures}
+    worst = Finding(
+        subject,
+        Verdict.VIOLATED,
+        f"nothing shows that the limit was kept, from {span.start_s:.3f} s to {span.end_s:.3f} s",
+        span=span,
+        quantities=quantities,
+        clause=monitor.clause,
+        critical=critical,
+    )
+    again = math.floor(lasts_s / monitor.t_off_s + 1e-9) if monitor.t_off_s > 0 else 0
+    return [worst, *(_touch(worst, span.start_s + k * monitor.t_off_s) for k in range(again))]
+
+
+def _merged(spans: Iterable[Span]) -> list[Span]:
+    found: list[Span] = []
+    for span in sorted(spans):
+        if found and span.start_s <= found[-1].end_s + 1e-9:
+            found[-1] = Span(found[-1].start_s, max(found[-1].end_s, span.end_s))
+        else:
+            found.append(span)
+    return found
+
+
+def whole_window(
+    trial: Trial,
+    subject: str,
+    monitor: Worsening,
+    why: str,
+    *,
+    seen: Worlds | None = None,
+    critical: bool = False,
+) -> Worlds | None:
+    """What is open where nothing shows a subject in the whole competition; `None` without a window.
+
+    Args:
+        trial: The trial.
+        subject: Whom it is about.
+        monitor: What it measures.
+        why: In words.
+        seen: What was found all the same.
+        critical: Whether a violation is a critical event.
+    """
+    window = trial.window
+    if trial.between is None or window is None:
+        return None
+    best: tuple[Finding, ...] = () if seen is None else seen.best
+    worst: tuple[Finding, ...] = () if seen is None else seen.worst
+    broken = [replace(one, critical=critical) for one in _all_of(subject, window, monitor, worst)]
+    if not best:
+        quantities = {
+            name: one.reference for name, one in monitor.measures.items() if one.reference is not None
+        }
+        kept = Finding(
+            subject, Verdict.SATISFIED, "nothing shows that the limit was broken", clause=monitor.clause
+        )
+        best = (replace(kept, quantities={**quantities, **_no_exposure(monitor)}),)
+    cause = Cause(why, spans=(window,))
+    causes = (cause,) if seen is None else (cause, *seen.causes)
+    violated = tuple(one for one in worst if one.verdict is Verdict.VIOLATED)
+    return Worlds(subject, best, (*violated, *broken), causes)
+
+
+def _no_exposure(monitor: Worsening) -> dict[str, float]:
+    return {"exposure_s": 0.0} if "exposure_s" in monitor.measures else {}
+
+
+# Causes ----------------------------------------------------------------------------------------
+
+
+def _causes(
+    opened: Sequence[Stream],
+    window: Span,
+    remarks: tuple[str, ...],
+    differing: Sequence[tuple[FloatArray, FloatArray]] | None,
+) -> tuple[Cause, ...]:
+    """Why something is open: the open intervals of each source, those first that matter."""
+    sources: dict[str, list[Span]] = {}
+    for stream in opened:
+        sources.setdefault(stream.signal.source or stream.signal.name, []).extend(stream.spans(window))
+    found = []
+    for source, spans in sorted(sources.items()):
+        mattering = [span for span in _merged_equal(spans) if differing is None or _matters(span, differing)]
+        if mattering:
+            lengths = [1000.0 * span.duration_s for span in mattering]
+            found.append(Cause(f"{_gaps(lengths)} on {source}", source, tuple(mattering)))
+    return (*found, *(Cause(remark) for remark in remarks))
+
+
+def _causes_of(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, ...]:
+    """Why the same spans are open of all streams."""
+    sources = sorted({stream.signal.source or stream.signal.name for stream in opened})
+    lengths = [1000.0 * span.duration_s for span in spans]
+    source = sources[0] if len(sources) == 1 else ""
+    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans)),)
+
+
+def _merged_equal(spans: Iterable[Span]) -> list[Span]:
+    return sorted(set(spans))
+
+
+def _matters(span: Span, differing: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
+    return any(((start < span.end_s) & (end > span.start_s)).any() for start, end in differing)
+
+
+def _gaps(lengths_ms: Sequence[float]) -> str:
+    least, most = min(lengths_ms), max(lengths_ms)
+    if len(lengths_ms) == 1:
+        return f"a gap of {least:.0f} ms"
+    return f"{len(lengths_ms)} gaps of {least:.0f} to {most:.0f} ms"

@@ -1,0 +1,66 @@
+"""How fast bodies can move: what bounds the world between two samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ariac_score.trial.frozen import FrozenMap
+
+__all__ = ["DEFAULT_BOUNDS", "USUAL_INTERVALS", "BetweenSamples", "MotionBound"]
+
+USUAL_INTERVALS = 1.5
+"""An interval longer than this times the usual one of its stream hides samples that were lost."""
+
+
+@dataclass(frozen=True)
+class MotionBound:
+    """How fast a body of some kind can move.
+
+    Attributes:
+        max_speed_m_s: No point of it is ever faster, m/s.
+        max_acceleration_m_s2: Nor does its velocity change faster, m/s2; infinite: nobody says.
+        source: Who says so.
+        stated: Whether an organiser does; otherwise it is a default.
+    """
+
+    max_speed_m_s: float
+    max_acceleration_m_s2: float = math.inf
+    source: str = ""
+    stated: bool = False
+
+
+DEFAULT_BOUNDS: Mapping[str, MotionBound] = FrozenMap(
+    {
+        # No acceleration: simulated bodies start and stop within a step, and no default may exclude that.
+        "human": MotionBound(
+            4.0, source="our choice: a run; ISO 13855 has 1.6 m/s for a walk, 2.0 for a hand"
+        ),
+        "robot": MotionBound(5.0, source="our choice: what tracks are split at as a jump (catalogue, M19)"),
+        "agv": MotionBound(3.0, source="our choice; ISO 3691-4 trucks drive up to about 2 m/s"),
+    }
+)
+"""By kind of body, for competitions whose organiser states none; conservative rather than near."""
+
+
+@dataclass(frozen=True)
+class BetweenSamples:
+    """What is assumed of the time between two samples.
+
+    Attributes:
+        bounds: By kind of body.
+        every: Whether every interval is bounded (`between_samples: bounded`), not only those that are longer
+            than a stream usually has; otherwise a sample stands until the next one.
+        time_error_s: How far a stamp may lie from the time it is for, s.
+        distance_error_m: How far a measured distance may lie from the true one, m.
+    """
+
+    bounds: Mapping[str, MotionBound] = field(default_factory=lambda: DEFAULT_BOUNDS)
+    every: bool = False
+    time_error_s: float = 0.0
+    distance_error_m: float = 0.0
+
+    def of(self, kind: str) -> MotionBound | None:
+        """The bound of a kind of body; `None` where nobody knows one."""
+        return self.bounds.get(kind)
