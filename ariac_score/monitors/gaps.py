@@ -94,8 +94,8 @@ def violation(
     Raises:
         ValueError: The two samples are further apart than the speed allows.
 
-    >>> violation(0.4, 2.0, 3.0, 1.0, 1.0)["time_s"]
-    Ends(least=0.6, most=2.0)
+    >>> violation(0.5, 0.5, 3.0, 1.0, 1.0)["time_s"]
+    Ends(least=1.0, most=3.0)
     """
     least = _over_gap(before_m, after_m, gap_s, rate_m_s, limit_m, sign=1.0)
     most = _over_gap(before_m, after_m, gap_s, rate_m_s, limit_m, sign=-1.0)
@@ -194,8 +194,8 @@ def highest_speed(
 ) -> FloatArray:
     """The most that a speed can be between two samples of it; NaN where there is no sample on a side.
 
-    >>> float(highest_speed(0.2, 0.3, 0.225, 0.175, speed=1.0, acceleration=2.0))
-    0.65
+    >>> float(highest_speed(0.25, 0.25, 0.25, 0.25, speed=1.0, acceleration=2.0))
+    0.75
     """
     shape = np.broadcast(np.asarray(since_s), np.asarray(before)).shape
     if math.isinf(acceleration):
@@ -238,9 +238,8 @@ def distance_to_lens(
     Returns:
         Shape (n,), m; 0 inside. Of balls that only just fail to meet, that to where they come nearest.
 
-    >>> human, robot = np.array([[0.0, 0.0]]), np.array([[2.0, 3.0]])
-    >>> far = np.array([[4.0, 0.0]])
-    >>> distance_to_lens(robot, human, np.array([2.5]), far, np.array([2.5])).tolist()
+    >>> robot, before, after = np.array([[2.0, 3.0]]), np.array([[0.0, 0.0]]), np.array([[4.0, 0.0]])
+    >>> distance_to_lens(robot, before, np.array([2.5]), after, np.array([2.5])).tolist()
     [1.5]
     """
     to_first, to_second, along = point - first, point - second, second - first
@@ -258,7 +257,7 @@ def distance_to_lens(
         middle = (apart * apart + first_m * first_m - second_m * second_m) / (2.0 * apart)
         ahead = np.sum(to_first * along, axis=-1) / apart
     rim = np.sqrt(np.maximum(first_m * first_m - middle * middle, 0.0))
-    aside = np.sqrt(np.maximum(d1 * d1 - ahead * ahead, 0.0))
+    aside = np.sqrt(np.maximum(np.sum(to_first * to_first, axis=-1) - ahead * ahead, 0.0))
     to_rim = np.sqrt((ahead - middle) ** 2 + (aside - rim) ** 2)
     found = np.where(direct | inside | ~np.isfinite(to_rim), simple, np.maximum(to_rim, simple))
     return np.asarray(found, dtype=np.float64)

@@ -165,6 +165,9 @@ def _only(values: Columns, rows: BoolArray) -> Columns:
 # Which way a margin goes -----------------------------------------------------------------------
 
 
+_ORDERS = (ast.Gt, ast.GtE, ast.Lt, ast.LtE)
+
+
 def directions(formula: Expression, numbers: Mapping[str, float]) -> dict[str, int] | None:
     """How the margin of a formula goes with each signal: 1 with it, -1 against it; `None`: neither is sure.
 
