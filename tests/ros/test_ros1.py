@@ -1,0 +1,223 @@
+"""Recordings of a real ROS 1: a master, `rosbag record`, the shipped recorder, a node whose motion is known.
+
+The human passes the standing robot at 1 m/s, 4.8 m beside it. The required distance of the paper's formula
+is then 1 * (1.0 + 1.5) + 2.6 = 5.1 m, so it is too close while |x| < sqrt(5.1^2 - 4.8^2) = 1.7234 m: for
+3.447 s, by 0.3 m at worst.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from ariac_score import LogError, Verdict, score_trial
+
+sys.path.insert(0, str(Path(__file__).parent))
+from robot_os import HERE, RobotOs, bag_command, generate_messages, need_ros1, robot_os, send
+
+pytestmark = pytest.mark.slow
+
+TOO_CLOSE_S = 2 * sqrt(5.1**2 - 4.8**2)
+STATE = "/ariac/competition_state"
+OWN = [f"/ariac_score/{name}" for name in ("submissions", "events", "heartbeat", "manifest")]
+TOPICS = ["/tf", STATE, "/ariac/orders"]
+
+
+@pytest.fixture(scope="module")
+def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    need_ros1()
+    folder = tmp_path_factory.mktemp("messages")
+    generate_messages(folder)
+    return folder
+
+
+@pytest.fixture
+def ros(tmp_path: Path, messages: Path) -> Iterator[RobotOs]:
+    with robot_os(tmp_path, messages) as running:
+        yield running
+
+
+def plan_in(folder: Path) -> Path:
+    kit = {"shipment_type": "order_0_shipment_0", "agv": "agv1", "contents_unknown": False}
+    state = {"topic": STATE, "field": "data"}
+    file = folder / "trial.plan.json"
+    file.write_text(
+        json.dumps(
+            {
+                "format": "ariac-score-recording-plan/1",
+                "topics": TOPICS,
+                "starts": {**state, "values": ["init"]},
+                "ends": {**state, "values": ["done"]},
+                "linger_s": 0.3,
+                "watching": ["arm_collision"],
+                "forwards": [
+                    {
+                        "offered": "/team/agv1",
+                        "service": "/ariac/agv1",
+                        "accepted": "success",
+                        "submission": kit,
+                    }
+                ],
+            }
+        )
+    )
+    return file
+
+
+def read(bag: Path) -> tuple[dict[str, list[str]], dict[str, list[Any]]]:
+    """Of each topic the digests of its messages; and our own messages."""
+    digests: dict[str, list[str]] = {}
+    own: dict[str, list[Any]] = {}
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS1_NOETIC)) as reader:
+        for connection, _, raw in reader.messages():
+            words = base64.b64encode(hashlib.sha256(raw).digest())[:16].decode()
+            digests.setdefault(connection.topic, []).append(words)
+            if connection.topic in OWN:
+                own.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    return digests, own
+
+
+@dataclass(frozen=True)
+class Recording:
+    folder: Path
+    digests: dict[str, list[str]]
+    own: dict[str, list[Any]]
+    manifest: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory, messages: Path) -> Recording:
+    """A trial that goes its way to `done`, with jitter, under load, while a second recorder tries to join."""
+    folder = tmp_path_factory.mktemp("recording")
+    key = folder / "organiser"
+    sign = [Path(sys.executable).with_name("ariac-score"), "sign", "--new-key", key]
+    subprocess.run(sign, input=b"\n", check=True, capture_output=True, timeout=60)
+    done = threading.Event()
+    load = threading.Thread(target=_busy, args=(done,))
+    with robot_os(folder, messages) as ros:
+        bag = ros.start(*bag_command("trial.bag", [*TOPICS, *OWN]))
+        recorder = ros.recorder(plan_in(folder), "--out", folder / "trial", "--key", key)
+        ros.until(recorder, "recording ")
+        second = ros.recorder(plan_in(folder), "--wait-s", "20")
+        cell = ros.python(HERE / "cell", "jitter")
+        load.start()
+        try:
+            assert ros.wait(second, 20.0) == 5
+            assert "another recorder is running" in ros.said(second)
+            assert "success: True" in ros.run("/usr/bin/rosservice", "call", "/team/agv1")
+            assert ros.wait(cell, 30.0) == 0, ros.said(cell)
+            assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
+        finally:
+            done.set()
+            load.join()
+        send(bag, signal.SIGINT)
+        ros.wait(bag, 20.0)
+    digests, own = read(folder / "trial.bag")
+    manifest = json.loads((folder / "trial.manifest.json").read_text())
+    return Recording(folder, digests, own, manifest)
+
+
+def _busy(done: threading.Event) -> None:
+    """A load beside the recording: bytes that are hashed."""
+    while not done.is_set():
+        hashlib.sha256(b"x" * 1_000_000).digest()
+
+
+def test_the_manifest_is_closed_by_the_last_word_and_signed(recording: Recording) -> None:
+    opened, closed = recording.own["/ariac_score/manifest"]
+    assert (opened.closed, closed.closed) == (False, True)
+    assert closed.body == (recording.folder / "trial.manifest.json").read_text()
+    assert recording.manifest["reason"] == f"{STATE}: done"
+    library = pytest.importorskip("minisign")
+    public = library.PublicKey.from_bytes((recording.folder / "organiser.pub").read_bytes())
+    public.verify(closed.body.encode(), library.Signature.from_bytes(closed.signature.encode()))
+
+
+def test_what_the_heartbeats_list_is_in_the_bag(recording: Recording) -> None:
+    beats, manifest = recording.own["/ariac_score/heartbeat"], recording.manifest
+    assert [beat.sequence for beat in beats] == list(range(1, manifest["heartbeats"]["count"] + 1))
+    chain = manifest["recording"]
+    listed: dict[str, list[str]] = {}
+    for beat in beats:
+        chain = hashlib.sha256((chain + beat.body).encode()).hexdigest()
+        for topic, arrived in json.loads(beat.body)["topics"].items():
+            words = arrived["digests"]
+            assert arrived["first"] == len(listed.setdefault(topic, [])) + 1
+            listed[topic] += [words[i : i + 16] for i in range(0, len(words), 16)]
+    assert chain == beats[-1].chain == manifest["heartbeats"]["chain"]
+    for topic, digests in listed.items():
+        about = manifest["topics"][topic]
+        assert about["count"] == len(digests)
+        assert about["digest"] == hashlib.sha256("".join(digests).encode()).hexdigest()
+        missing = Counter(digests) - Counter(recording.digests[topic])
+        # `rosbag` may connect to a publisher a moment after the recorder did, before the trial begins.
+        assert sum(missing.values()) <= (10 if topic in TOPICS else 0), topic
+    assert listed.keys() == {*TOPICS, *OWN[:2]}
+    assert manifest["topics"]["/tf"]["publishers"].keys() == {"/cell"}
+
+
+def test_the_score_tells_what_the_node_did(recording: Recording) -> None:
+    result = score_trial(recording.folder / "trial.bag", "paper2020")
+    of_separation = [f for f in result.measured.findings.values() if f.check == "separation"]
+    found = [f for f in of_separation if f.verdict == Verdict.VIOLATED]
+    assert sum(f.span.duration_s for f in found) == pytest.approx(TOO_CLOSE_S, abs=0.3)
+    assert -min(f.robustness for f in found) == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_call_that_the_recorder_passed_on_is_a_submission(recording: Recording) -> None:
+    (submission,) = recording.own["/ariac_score/submissions"]
+    assert (submission.shipment_type, submission.agv) == ("order_0_shipment_0", "agv1")
+    events = [(event.kind, event.subject) for event in recording.own["/ariac_score/events"]]
+    assert events == [
+        ("watching", "arm_collision"),
+        ("service_called", "/ariac/agv1"),
+        ("service_answered", "/ariac/agv1"),
+    ]
+
+
+def test_a_bag_whose_recorder_was_killed_is_refused_and_a_stopped_clock_is_noted(
+    ros: RobotOs, tmp_path: Path
+) -> None:
+    ros.run("/usr/bin/rosparam", "set", "/use_sim_time", "true")
+    bag = ros.start(*bag_command("trial.bag", ["/clock", *TOPICS, *OWN]))
+    recorder = ros.recorder(plan_in(tmp_path), "--out", tmp_path / "trial")
+    ros.until(recorder, "recording ")
+    cell = ros.python(HERE / "cell", "stopping")
+    assert ros.wait(cell, 30.0) == 0, ros.said(cell)
+    send(bag, signal.SIGKILL)
+    assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
+    manifest = json.loads((tmp_path / "trial.manifest.json").read_text())
+    assert [note for note in manifest["notes"] if note.startswith("/clock stood still at 102.")]
+    # The cell begins at 100 s and says `done` at 107 s, however long that took; 0.3 s more are listened to.
+    assert manifest["end"]["ros_ns"] == pytest.approx(107.3e9, abs=0.2e9)
+    (cut,) = tmp_path.glob("trial.bag.active")
+    with pytest.raises(LogError):
+        score_trial(cut, "paper2020")
+
+
+def test_a_recorder_without_a_master_or_a_plan_says_what_to_do(tmp_path: Path, messages: Path) -> None:
+    nowhere = RobotOs(tmp_path, messages)
+    try:
+        without = nowhere.recorder(plan_in(tmp_path))
+        assert nowhere.wait(without, 20.0) == 4
+        assert "there is no ROS master at" in nowhere.said(without)
+        unplanned = nowhere.recorder(tmp_path / "missing.json")
+        assert nowhere.wait(unplanned, 20.0) == 4
+        assert "ariac-score record --rules" in nowhere.said(unplanned)
+    finally:
+        nowhere.end_all()
