@@ -127,7 +127,8 @@ def pairs(first: str, second: str) -> Subjects:
 def nobody(trial: Trial, kinds: tuple[str, ...], clause: str = "") -> Finding:
     """The finding when there is no subject to watch.
 
-    Not applicable where the log records every body, else inconclusive; so is a log that has a kind of
+    Not applicable where the log records every body, or would have recorded one of the kind (it witnesses
+    such as `human bodies`), else inconclusive; so is a log that has a kind of
     nearly the same name, for one of the two may be misspelt.
 
     Args:
@@ -144,6 +145,10 @@ def nobody(trial: Trial, kinds: tuple[str, ...], clause: str = "") -> Finding:
     if "bodies" in trial.witnessed and not near:
         message = f"the log records every body, and there is no {missing} among them"
         return Finding.not_applicable("trial", message, clause=clause)
+    # Of a pair one kind is enough: without a human there is nobody to come near to.
+    none = next((kind for kind in lacking if f"{kind} bodies" in trial.witnessed), "")
+    if none and not near:
+        return Finding.not_applicable("trial", f"there was no {none} in this trial", clause=clause)
     remark = f"; did you mean {' and '.join(map(repr, near))}?" if near else ""
     message = f"the log shows no {missing}{remark}"
     return Finding.inconclusive("trial", message, span=trial.window, clause=clause)

@@ -15,7 +15,7 @@ from typing import Any
 
 from ariac_score import COMPETITION_ENDED, COMPETITION_STARTED, Event, Pose
 from ariac_score_ariac.parts import COLORS, TYPES
-from ariac_score_ariac.work import Kit, Order, Product, Task, Tray, WantedProduct
+from ariac_score_ariac.work import NO_HUMAN, Kit, Order, Product, Task, Tray, WantedProduct
 
 __all__ = [
     "AriacMsgs2023",
@@ -154,7 +154,7 @@ class AriacMsgs2023:
     """
 
     def decode(self, msgtype: str, message: Any, t_s: float) -> Order | Event | None:
-        """An order, the start or the end of the competition; `None` for anything else.
+        """An order, the start or the end of the competition, that nobody walks; `None` for anything else.
 
         Args:
             msgtype: `package/msg/Name`.
@@ -171,6 +171,9 @@ class AriacMsgs2023:
             if msgtype == "ariac_msgs/msg/CompetitionState":
                 kind = _COMPETITION_STATES.get(message.competition_state)
                 return Event(t_s, kind) if kind else None
+            if msgtype == "ariac_msgs/msg/Trial":
+                walks = any(challenge.type == _HUMAN for challenge in message.challenges)
+                return None if walks else Event(t_s, "watching", NO_HUMAN)
         except AttributeError as cause:
             raise _of_another_edition(msgtype, cause) from cause
         return None
@@ -272,6 +275,8 @@ _TYPES = dict(enumerate(TYPES, start=10))
 _DESTINATIONS = {0: "kitting", 1: "assembly_front", 2: "assembly_back", 3: "warehouse"}
 _NUMBERS = {n: str(n) for n in (1, 2, 3, 4)}
 """AGVs, stations and quadrants alike."""
+_HUMAN = 4
+"""The challenge of 2023 without which its simulator starts no person; 2024 has no such challenge."""
 _COMPETITION_STATES = {2: COMPETITION_STARTED, 3: COMPETITION_STARTED, 4: COMPETITION_ENDED}
 """Numbers of 2023 and 2024, besides 0, idle, and 1, ready.
 

@@ -13,6 +13,7 @@ from typing import ClassVar, Protocol
 from ariac_score import Fact, FrozenMap, Pose, Record, Submission, Trial, WorkItem
 
 __all__ = [
+    "NO_HUMAN",
     "FaultMarks",
     "FaultyProducts",
     "Kit",
@@ -31,6 +32,10 @@ __all__ = [
     "sensor_cost",
     "submissions_of",
 ]
+
+
+NO_HUMAN = "human bodies"
+"""What is witnessed where the configuration of a trial has nobody walk about: a human would be known."""
 
 
 @dataclass(frozen=True)

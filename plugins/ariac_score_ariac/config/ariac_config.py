@@ -15,7 +15,7 @@ from ariac_score_ariac.config.config_values import ConfigPath, ConfigValues
 from ariac_score_ariac.config.listed_orders import listed_orders
 from ariac_score_ariac.config.order_counts import REQUIRED_KEYS, order_counts
 from ariac_score_ariac.config.shipment_orders import shipment_orders
-from ariac_score_ariac.work import FaultyProducts, Order, orders_of
+from ariac_score_ariac.work import NO_HUMAN, FaultyProducts, Order, orders_of
 
 __all__ = ["TrialConfigReader"]
 
@@ -118,11 +118,20 @@ def _trial(path: Path) -> Trial:
         )
     return Trial(
         id=path.stem,
+        witnessed=frozenset() if _may_have_a_human(root) else frozenset({NO_HUMAN}),
         work=orders,
         facts=facts,
         log_defects=values.mistakes(),
         records=() if faulty is None else (FaultyProducts(faulty),),
     )
+
+
+def _may_have_a_human(root: Mapping[Any, Any]) -> bool:
+    """Whether somebody may walk about: until 2022 people are surroundings, from 2023 on a challenge."""
+    if isinstance(root.get("orders"), dict):
+        return True
+    challenges = root.get("challenges")
+    return isinstance(challenges, list) and any("human" in c for c in challenges if isinstance(c, dict))
 
 
 def _faulty_products(values: ConfigValues, root: Mapping[Any, Any]) -> frozenset[str] | None:

@@ -8,7 +8,7 @@ from ariac_score_ariac.tasks.costs import PositiveSensorCost
 from ariac_score_ariac.tasks.coverage import OnlyKitting
 from ariac_score_ariac.tasks.delivery import Destination, OrderTime, Submitted
 from ariac_score_ariac.tasks.inserts import InsertedPart, InsertSeen, PartAssembled
-from ariac_score_ariac.tasks.official import OfficialOrderScore, OfficialTrialScore
+from ariac_score_ariac.tasks.official import OfficialOrderScore, OfficialPrinted, OfficialTrialScore
 from ariac_score_ariac.tasks.poses import KitPose, TrayRight
 from ariac_score_ariac.tasks.quadrants import (
     ExtraParts,
@@ -33,6 +33,7 @@ __all__ = [
     "NoneMissing",
     "NoneUnwanted",
     "OfficialOrderScore",
+    "OfficialPrinted",
     "OfficialTrialScore",
     "OnlyKitting",
     "OrderSubmitted",

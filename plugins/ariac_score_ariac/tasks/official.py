@@ -136,6 +136,31 @@ class OfficialOrderScore:
 
 
 @dataclass(frozen=True)
+class OfficialPrinted:
+    """An official text prints the score of the order: a fact for formulas that fall back on something else.
+
+    Measures:
+        Whether the official text of the trial has a score of the order, handed in or not.
+    Violated when:
+        Never: an order without one is not applicable, and so has no points.
+    Source:
+        ARIAC notes on log formats, sections 3 and 5; on recording, sections 1.7 and 1.8.
+    """
+
+    reads_official = True
+    part_of: ClassVar[str] = "task"
+
+    def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
+        """One finding for the order."""
+        summaries = trial.official.summaries if trial.official else ()
+        printed = next((s for s in summaries if s.id == order.id), None)
+        if printed is None or printed.submitted is None or printed.score is None:
+            yield Finding.not_applicable(order.id, "no official text prints its score")
+        else:
+            yield Finding.satisfied(order.id, f"{trial.official.source if trial.official else ''} prints it")
+
+
+@dataclass(frozen=True)
 class OfficialTrialScore:
     """The run came to its official end, and what the text says of it as a whole.
 

@@ -463,6 +463,7 @@ def test_a_verdict_that_the_text_of_the_end_contradicts_is_refused(
 
 
 BLOCK_2023 = """\
+========================================
 Order: {id}
 Type: Kitting
 AGV: 2
@@ -470,21 +471,24 @@ Tray score: 3
 Correct destination: Yes
 Bonus: 0
 Score: 8
+========================================
 Quadrant: 1
 Quadrant score: 3
------
+----------------------------------------
 Correct part type: Yes
 Correct part color: Yes
 Faulty part: No
 Flipped part: No
+========================================
 Quadrant: 3
 Quadrant score: 2
------
+----------------------------------------
 Correct part type: Yes
 Correct part color: No
 Faulty: No
 Flipped: No
 """
+"""As the documentation of 2023 shows it, page on log files."""
 
 
 def test_a_stock_recording_of_2023_has_it_line_by_line(
@@ -499,3 +503,77 @@ def test_a_stock_recording_of_2023_has_it_line_by_line(
     result = score_trial(stock_bag(tmp_path / "b", "2023", messages, monkeypatch), rules="ariac2023.official")
     assert result.task
     assert result.task.value == 8
+
+
+# With the person of 2023
+
+
+def human_states(*, until_s: float, nearest_m: float) -> list[Recorded]:
+    """The person walks past the ceiling robot, which stands still, at 1 m/s; 10 Hz, without stamp."""
+    found = []
+    for tenth in range(round(until_s * 10)):
+        t_s = tenth / 10
+        along_m = t_s - until_s / 2
+        fields = {
+            "human_position": {"x": along_m, "y": nearest_m, "z": 0.0},
+            "human_velocity": {"x": 1.0, "y": 0.0, "z": 0.0},
+        }
+        found.append(at(t_s, "/ariac_human/state", "ariac_msgs/msg/HumanState", **fields))
+    return found
+
+
+def recorded_2023(*, nearest_m: float | None, challenges: list[dict[str, Any]] | None) -> list[Recorded]:
+    """One kit that the simulator gave 8 points, and whoever walks about."""
+    said_of_kit = [
+        logged(t_s, text)
+        for t_s, text in ((0.002, "Announcing Order MMB30H56"), (40.0, BLOCK_2023.format(id="MMB30H56")))
+    ]
+    config = (
+        []
+        if challenges is None
+        else [at(-4.0, "/ariac/trial_config", "ariac_msgs/msg/Trial", challenges=challenges)]
+    )
+    walk = [] if nearest_m is None else human_states(until_s=91.0, nearest_m=nearest_m)
+    order = at(0.001, "/ariac/orders", "ariac_msgs/msg/Order", **kit_order("MMB30H56"))
+    return [
+        order,
+        *said_of_kit,
+        *config,
+        *walk,
+        *numbers_of_state((-5.0, 0), (0.0, 3), (90.0, 4), until_s=92.0),
+    ]
+
+
+FREE_M, NEAR_M = 4.0, 3.0
+"""The release asks for 1.0 (1 + 1.5) + 0 + 0 + 1 = 3.5 m of who walks at 1 m/s past a robot that stands
+(rulebook, section 11)."""
+
+
+def test_the_safe_rules_of_2023_join_the_verdict_with_the_person(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    human = [{"type": 4}]
+    for name, nearest_m, challenges, kept in (
+        ("far", FREE_M, human, Verdict.SATISFIED),
+        ("near", NEAR_M, human, Verdict.VIOLATED),
+        ("nobody by the configuration", None, [], Verdict.NOT_APPLICABLE),
+        ("not recorded", None, human, Verdict.INCONCLUSIVE),
+        ("not recorded, and no configuration", None, None, Verdict.INCONCLUSIVE),
+    ):
+        with subtests.test(name):
+            messages = recorded_2023(nearest_m=nearest_m, challenges=challenges)
+            log = stock_bag(tmp_path / name.replace(" ", "_"), "2023", messages, monkeypatch)
+            result = score_trial(log, rules="ariac2023.safe")
+            verdicts = {f.verdict for f in result.measured.findings.values() if f.check == "separation"}
+            assert verdicts == {kept}
+            printed = [f for f in result.measured.findings.values() if f.check == "order_score"]
+            assert [f.quantities["score"] for f in printed] == [8]
+
+
+def test_without_a_printed_verdict_the_safe_rules_score_what_was_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = [m for m in recorded_2023(nearest_m=None, challenges=[]) if m.topic != "/rosout"]
+    result = score_trial(stock_bag(tmp_path / "quiet", "2023", messages, monkeypatch), rules="ariac2023.safe")
+    of = {f.check: f.verdict for f in result.measured.findings.values()}
+    assert (of["printed"], of["submitted"]) == (Verdict.NOT_APPLICABLE, Verdict.INCONCLUSIVE)
