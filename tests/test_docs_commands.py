@@ -48,6 +48,7 @@ ELSEWHERE = {
 RUN = [
     "README.md",
     "docs/competitions.md",
+    "docs/log_maps.md",
     "docs/ranking.md",
     "docs/report.md",
     "docs/rml.md",

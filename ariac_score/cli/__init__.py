@@ -47,6 +47,7 @@ _GROUPS = {
         "report": "make a page of a result, or the site of a competition",
         "explain": "follow any number of a result back to its samples",
         "info": "show the contents of a log, and which checks it could decide",
+        "map": "draft the log map of a recording: who is who, and where it is stated",
         "annotate": "write the findings of a result as a recording to open with its log",
     },
     "for organisers: from runs to a ranking that holds": {

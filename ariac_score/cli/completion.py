@@ -161,7 +161,7 @@ def _values(action: argparse.Action | None, command: str, words: Sequence[str]) 
         from ariac_score.scoring.ruleset import rule_set_names  # noqa: PLC0415  # slow to load
 
         return [(name, "rule set") for name in rule_set_names()]
-    if action.dest == "log_map":
+    if action.dest in ("log_map", "extends"):
         from ariac_score.logs.logmap import log_map_names  # noqa: PLC0415  # slow to load
 
         return [(name, "log map") for name in log_map_names()]

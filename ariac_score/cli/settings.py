@@ -66,7 +66,7 @@ SETTINGS = {
             "rules",
             "rules",
             "rule set: a name or a .yaml file; a competition that names its own keeps them",
-            ("score", "check", "info", "price", "rank", "batch", "report"),
+            ("score", "check", "info", "map", "price", "rank", "batch", "report"),
             matters=True,
         ),
         Setting(

@@ -37,7 +37,7 @@ from ariac_score.trial.vocabulary import (
     subject_of,
 )
 
-__all__ = ["is_log_map_file", "load_log_map", "log_map_names", "stand_alone"]
+__all__ = ["bases_of", "is_log_map_file", "load_log_map", "log_map_names", "stand_alone"]
 
 GROUP = "ariac_score.log_maps"
 
@@ -73,6 +73,25 @@ def load_log_map(
     registry = registry or Registry()
     name = name_or_path(name, "the name or path of a log map")
     return _parsed(_expanded(_path_of(name, beside or Path(), registry), (), registry))
+
+
+def bases_of(name: str, registry: Registry | None = None) -> tuple[str, ...]:
+    """The installed log maps that an installed one extends, nearest first.
+
+    Raises:
+        LogMapError: There is no such log map, or it is malformed.
+
+    >>> bases_of("ariac2020")
+    ()
+    """
+    registry, found = registry or Registry(), [name]
+    while len(found) <= MAX_EXTENDS:
+        document = load_yaml(_path_of(found[-1], Path(), registry), error=LogMapError)
+        base = document.data.get("extends")
+        if not isinstance(base, str) or is_log_map_file(base):
+            break
+        found.append(base)
+    return tuple(found[1:])
 
 
 def _path_of(name: str, folder: Path, registry: Registry) -> Path:

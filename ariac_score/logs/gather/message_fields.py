@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
 from keyword import iskeyword
 
@@ -22,8 +22,9 @@ def fields_of(message: object) -> list[str]:
     """The names of its fields as they stand in its definition; none of what is no message."""
     if not is_dataclass(message):
         return []
-    # rosbags appends an underscore to fields named like Python keywords, such as `from`.
-    names = [f.name for f in fields(message) if f.name != "__msgtype__"]
+    # rosbags gives defaults to the constants of a type, and appends an underscore to fields named like
+    # Python keywords, such as `from`.
+    names = [f.name for f in fields(message) if f.name != "__msgtype__" and f.default is MISSING]
     return [name[:-1] if name.endswith("_") and iskeyword(name[:-1]) else name for name in names]
 
 

@@ -1,0 +1,1 @@
+"""Log maps drafted from recordings: what could be whom, and why."""

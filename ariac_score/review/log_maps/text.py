@@ -1,0 +1,211 @@
+"""The text of a drafted log map: what is decided as YAML, what is open or left out as comments."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from ariac_score.review.log_maps.survey import CLOCK, FRAMES, MODELS, Survey
+from ariac_score.review.log_maps.whom import ROLES, Candidate, Choice, Scalar, escaped, position_fields
+from ariac_score.trial.channels import LogMap
+
+__all__ = ["Extended", "Writing"]
+
+
+@dataclass(frozen=True)
+class Extended:
+    """The log map that a draft extends.
+
+    Attributes:
+        name: As the draft names it.
+        log_map: What it says.
+    """
+
+    name: str
+    log_map: LogMap
+
+    @property
+    def topics(self) -> set[str]:
+        """The topics that it maps."""
+        return {channel.topic for channel in self.log_map.channels}
+
+
+@dataclass(frozen=True)
+class Writing:
+    """A draft that is written.
+
+    Attributes:
+        name: Of the recording.
+        survey: What it holds.
+        extends: The log map that is extended; `None`: none.
+        root: The frame of positions; empty where there are no frames.
+        stamp: `log` where only times of recording can be compared.
+        candidates: Everything with a position.
+        choices: Who is who, by role.
+        scalars: Speeds and distances that topics state.
+        by_scalars: Whether these take the place of positions, which nobody has.
+        extendable: Log maps between which is to be chosen, with what speaks for each.
+    """
+
+    name: str
+    survey: Survey
+    extends: Extended | None
+    root: str
+    stamp: str
+    candidates: Sequence[Candidate]
+    choices: Mapping[str, Choice]
+    scalars: Sequence[Scalar]
+    by_scalars: bool
+    extendable: Mapping[str, str]
+
+    @property
+    def text(self) -> str:
+        """The YAML."""
+        return "\n".join(self.lines()) + "\n"
+
+    def lines(self) -> Iterator[str]:
+        """The YAML, line by line."""
+        yield f"# Drafted by 'ariac-score map' from {_plain(self.name)}. It is yours: read it, and change it."
+        yield f"id: {_identifier(self.name)}"
+        yield f"title: {_quoted(f'Drafted from {self.name}')}"
+        yield f"source: {_quoted(f'drafted by ariac-score map from {self.name}; checked by nobody yet')}"
+        if self.extends is not None:
+            yield f"extends: {_scalar(self.extends.name)}"
+        for name, words in self.extendable.items():
+            yield f"# extends: {_scalar(name)}    # OPEN: {_plain(words)}"
+        if self.root and any(self._chosen("frame")):
+            yield f"root_frame: {_scalar(self.root)}"
+        for role in ROLES:
+            yield from self._open(role)
+        sections = {
+            "bodies": self._bodies(),
+            "channels": self._channels(),
+            "frames": self._matches("frame"),
+            "models": self._matches("model"),
+        }
+        for section, found in sections.items():
+            rows = list(found)
+            if any(not row.lstrip().startswith("#") for row in rows):
+                yield f"{section}:"
+            yield from rows
+        yield from self._unused()
+
+    def _open(self, role: str) -> Iterator[str]:
+        choice = self.choices[role]
+        if choice.why and not choice.chosen:
+            yield f"# {role}: {choice.why}"
+        elif choice.equal:
+            yield f"# {role}: OPEN, for nothing speaks for one of these alone; give one with --{role} NAME:"
+        elif not choice.chosen and not self.by_scalars:
+            yield f"# {role}: OPEN, for nothing with a position looks like one; give it with --{role} NAME"
+        else:
+            return
+        for candidate in choice.equal or (() if choice.why else self.candidates):
+            yield f"#   {_plain(candidate.words)}"
+
+    def _chosen(self, source: str) -> Iterator[tuple[str, Candidate, str]]:
+        """The roles, candidates and ids of the bodies that come from frames, models or topics."""
+        for role, choice in self.choices.items():
+            for one in choice.chosen:
+                own = re.sub(r"[^A-Za-z0-9_.-]", "_", one.name.strip("/"))
+                if one.source == source:
+                    yield role, one, role if len(choice.chosen) == 1 else own
+
+    def _left_out(self, source: str) -> Iterator[tuple[str, Candidate, str]]:
+        """The roles, candidates and reasons of those that are no bodies, or not yet."""
+        chosen = [one for choice in self.choices.values() for one in choice.chosen]
+        for role, choice in self.choices.items():
+            for one in self.candidates:
+                if one in chosen or one.source != source:
+                    continue
+                if one in choice.equal or one.name in choice.others:
+                    yield role, one, choice.others.get(one.name, "open")
+
+    def _bodies(self) -> Iterator[str]:
+        bodies = [(body, role) for role, _, body in self._chosen("topic")]
+        for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
+            yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
+
+    def _channels(self) -> Iterator[str]:
+        stamp = ", stamp: log" if self.stamp else ""
+        for source, poses, types in (("frame", "frames", FRAMES), ("model", "models", MODELS)):
+            for topic in self.survey.of_type(types) if any(self._chosen(source)) else ():
+                yield f"  - {{topic: {_scalar(topic.name)}, poses: {poses}{stamp}}}"
+        for role, one, body in self._chosen("topic"):
+            yield f"  # {role}: {_plain(one.words)}; {self.choices[role].why}"
+            yield f"  - {_channel(one, body, stamp)}"
+        for role, one, why in self._left_out("topic"):
+            yield f"  # {role}: {_plain(one.words)}; left out: {why}"
+            yield f"  # - {_channel(one, role, stamp)}"
+        mapped = self.extends.topics if self.extends else set()
+        for name in dict.fromkeys(scalar.topic for scalar in self.scalars if scalar.topic not in mapped):
+            own = (scalar for scalar in self.scalars if scalar.topic == name)
+            signals = ", ".join(f"{scalar.signal}: {_scalar(scalar.path)}" for scalar in own)
+            row = f"- {{topic: {_scalar(name)}{stamp}, signals: {{{signals}}}}}"
+            if not self.by_scalars:
+                yield "  # left out: known by their names alone, and positions give the same"
+            yield f"  {'' if self.by_scalars else '# '}{row}"
+
+    def _matches(self, source: str) -> Iterator[str]:
+        for role, one, body in self._chosen(source):
+            yield f"  # {role}: {_plain(one.words)}; {self.choices[role].why}"
+            yield f"  - {_match(one, role, body)}"
+        for role, one, why in self._left_out(source):
+            yield f"  # {role}: {_plain(one.words)}; left out: {why}"
+            yield f"  # - {_match(one, role, role)}"
+
+    def _unused(self) -> Iterator[str]:
+        used = {one.topic[0] for choice in self.choices.values() for one in (*choice.chosen, *choice.equal)}
+        used |= self.extends.topics if self.extends else set()
+        used |= {scalar.topic for scalar in self.scalars}
+        rest = [t for t in self.survey.topics if t.name not in used and t.type not in (*FRAMES, *MODELS)]
+        if any(topic.type == CLOCK for topic in rest):
+            yield "# /clock is recorded: it relates times of recording to the simulation"
+        others = [topic for topic in rest if topic.type != CLOCK]
+        if others:
+            yield "# recorded, and not used here:"
+        for topic in others:
+            why = f": {topic.unreadable}" if topic.unreadable else ""
+            yield f"#   {_plain(f'{topic.name} {topic.type}{why}')}"
+
+
+def _channel(candidate: Candidate, body: str, stamp: str) -> str:
+    topic, path = candidate.topic
+    fields = ", ".join(position_fields(path))
+    return f"{{topic: {_scalar(topic)}{stamp}, signals: {{{_scalar(f'position/{body}')}: [{fields}]}}}}"
+
+
+def _match(candidate: Candidate, role: str, body: str) -> str:
+    # The only link of a model is where the model is.
+    inner = () if candidate.source == "model" and len(candidate.links) == 1 else candidate.links
+    links = ", ".join(_scalar(escaped(link)) for link in inner)
+    more = f", links: [{links}]" if links else ""
+    return f"{{match: {_scalar(escaped(candidate.name))}, kind: {role}, body: {_scalar(body)}{more}}}"
+
+
+_BARE = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
+_WORDS_OF_YAML = frozenset(("y", "n", "yes", "no", "on", "off", "true", "false", "null"))
+
+
+def _scalar(text: str) -> str:
+    """A text as YAML, in quotes where it needs them."""
+    if _BARE.fullmatch(text) and text.lower() not in _WORDS_OF_YAML:
+        return text
+    return _quoted(text)
+
+
+def _quoted(text: str) -> str:
+    """A text as YAML in quotes; JSON is YAML."""
+    return json.dumps(text, ensure_ascii=True)
+
+
+def _identifier(name: str) -> str:
+    """A name as the id of a log map."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower().partition(".")[0]).strip("_") or "drafted"
+
+
+def _plain(text: str) -> str:
+    """A text within a comment: one line, and nothing that steers a terminal."""
+    return "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in text)
