@@ -111,6 +111,8 @@ def _changed(
         decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         result=replace(result, adjusted=adjusted),
+        # What stewards decided is decided; the ends were those of the automatic score.
+        open=None,
     )
 
 

@@ -16,6 +16,7 @@ from ariac_score.errors import DataFileError, PluginError
 from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.evaluation import Entry, Evaluation, PlannedItem, Stop
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
@@ -73,6 +74,7 @@ class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_field
         inputs: The files it was scored from.
         result: Its result, below the folder of results; null when it is not given.
         decisions: Ids of the stewards' decisions that changed it.
+        open: Between which ends its score lies, where its log leaves that open.
     """
 
     team: str
@@ -87,6 +89,7 @@ class PublishedRun(Struct, frozen=True, omit_defaults=True, forbid_unknown_field
     inputs: tuple[Input, ...]
     result: StoredResult | None
     decisions: tuple[str, ...] = ()
+    open: Ends | None = None
 
     @property
     def key(self) -> RunKey:
@@ -227,6 +230,7 @@ class Publication:
                     r.kept,
                     r.terms,
                     decisions=r.decisions,
+                    open=r.open,
                 )
                 for r in runs
             ),
@@ -363,6 +367,7 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
         inputs=tuple(Input(s.role, s.name, s.sha256) for s in inputs),
         result=stored,
         decisions=run.decisions,
+        open=run.open,
     )
 
 

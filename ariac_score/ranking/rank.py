@@ -22,7 +22,17 @@ from msgspec import Meta
 from ariac_score.engine.price import reprice
 from ariac_score.errors import FormulaError, OtherFactError, RunEndedError, ScoreError
 from ariac_score.ranking.competition import Competition, RunKey, Team
+from ariac_score.ranking.open_scores import (
+    MONOTONE_TOTALS,
+    Ends,
+    OpenStanding,
+    Slots,
+    cell_ends,
+    rank_ends,
+    worst_ends,
+)
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
+from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
@@ -84,6 +94,7 @@ class RunOutcome:
         worst: The worst score of the trial, where that counts for this run instead of 0.
         decisions: Ids of the stewards' decisions that changed it.
         result: The result, where there is one.
+        open: Between which ends its score lies, where its log leaves that open.
     """
 
     team: str
@@ -98,6 +109,7 @@ class RunOutcome:
     worst: Decimal | None = None
     decisions: tuple[str, ...] = ()
     result: Result | None = field(default=None, repr=False, compare=False)
+    open: Ends | None = None
 
     @property
     def key(self) -> RunKey:
@@ -148,6 +160,7 @@ class TeamRank:
         separated_by: What puts it behind the team before it: `value`, or one of the ties;
             empty for the first team, for a shared rank, and for a team without a rank.
         disqualified: Why it has no rank, where it was disqualified.
+        open: Between which ends its execution and its rank lie, where logs of any team leave that open.
     """
 
     rank: int | None
@@ -162,6 +175,10 @@ class TeamRank:
     places: tuple[int, ...] = ()
     separated_by: str = ""
     disqualified: str = ""
+    open: OpenStanding | None = None
+
+    def __post_init__(self) -> None:
+        leave_out_empty(self, "open")
 
 
 @dataclass(frozen=True)
@@ -294,7 +311,9 @@ def _ranking(
         title=competition.title,
         rule_set=Pinned(rule_set.id, rule_set.sha256),
         trials=tuple(trial.id for trial in competition.trials),
-        standings=_standings(competition, spec, cells, outcomes),
+        standings=_with_ends(
+            _standings(competition, spec, cells, outcomes), spec, groups, worst, rule_set.digits
+        ),
         runs=tuple(outcomes),
         cohort=cohort,
         strangers=competition.strangers,
@@ -316,7 +335,7 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
     if ended in _AS_ZERO:
         return RunOutcome(*key, ended, OUTCOMES[ended], task=Decimal(0), score=Decimal(0), result=result)
     if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
-        return RunOutcome(*key, "undecided", _undecided(result), result=result)
+        return RunOutcome(*key, "undecided", _undecided(result), result=result, open=_ends(result))
     try:
         terms = {name: _term(name, result, rule_set) for name in spec.terms}
     except FormulaError as error:
@@ -329,7 +348,13 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
         score=result.score,
         terms=terms,
         result=result,
+        open=_ends(result),
     )
+
+
+def _ends(result: Result) -> Ends | None:
+    interval = result.interval
+    return None if interval is None else Ends(interval.least, interval.most)
 
 
 def _error_text(error: ScoreError) -> str:
@@ -452,7 +477,7 @@ def _priced(
         return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
     if result.score is None:
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
-    return replace(run, score=result.score, result=result, kept=counts)
+    return replace(run, score=result.score, result=result, kept=counts, open=_ends(result))
 
 
 def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:
@@ -547,6 +572,82 @@ def _standings(
         for number, (team, total) in enumerate(zip(competition.teams, totals, strict=True))
     ]
     return _ranked(found, spec)
+
+
+def _with_ends(
+    standings: tuple[TeamRank, ...],
+    spec: Spec,
+    groups: Mapping[tuple[str, str], Sequence[RunOutcome]],
+    worst: Mapping[str, Decimal],
+    digits: int,
+) -> tuple[TeamRank, ...]:
+    """The standings with what open scores mean for them; as they are where none is open.
+
+    Values across teams are taken as published: which of them another score would move is not followed.
+    """
+    if spec.total.name not in MONOTONE_TOTALS or not any(run.open for own in groups.values() for run in own):
+        return standings
+    slots = Slots(
+        spec.keep, spec.fill, cell_digits(spec, digits), spec.more_is_better, spec.by[0].name == "score"
+    )
+    out = {standing.team for standing in standings if standing.disqualified}
+    worst_of = {
+        trial: worst_ends(
+            score,
+            [
+                Ends(run.score, run.score) if run.open is None else run.open
+                for (team, of), own in groups.items()
+                for run in own
+                if of == trial and team not in out and run.kept and run.score is not None
+                if run.outcome not in _AS_ZERO
+            ],
+            more_is_better=spec.more_is_better,
+        )
+        for trial, score in worst.items()
+    }
+    found: dict[str, Ends] = {}
+    for standing in standings:
+        cells = [
+            _cell_ends(groups.get((standing.team, trial), ()), cell, worst_of[trial], slots)
+            for trial, cell in standing.trials.items()
+        ]
+        ends = [
+            spec.total.execution(list(side)) for side in zip(*((c.least, c.most) for c in cells), strict=True)
+        ]
+        found[standing.team] = Ends(*ends) if ends else Ends(standing.execution, standing.execution)
+    ranks: Mapping[str, tuple[int, int]] = {}
+    if spec.value.source == "execution":
+        ranked = {s.team: s.rank for s in standings if s.rank is not None}
+        values = {
+            team: ends if spec.highest else Ends(-ends.most, -ends.least)
+            for team, ends in found.items()
+            if team in ranked
+        }
+        ranks = rank_ends(values, ranked)
+    return tuple(
+        replace(
+            standing,
+            open=OpenStanding(
+                found[standing.team],
+                *ranks.get(standing.team, (None, None)),
+                sum(
+                    run.open is not None
+                    for trial in standing.trials
+                    for run in groups.get((standing.team, trial), ())
+                ),
+            ),
+        )
+        for standing in standings
+    )
+
+
+def _cell_ends(runs: Sequence[RunOutcome], cell: Cell, worst: Ends, slots: Slots) -> Ends:
+    known = [run for run in runs if run.outcome not in _AS_ZERO and (run.score is not None or run.open)]
+    if not any(run.open for run in known) and worst.least == worst.most:
+        return Ends(cell.score, cell.score)
+    ends = [run.open or Ends(run.score or Decimal(0), run.score or Decimal(0)) for run in known]
+    zeros = sum(run.outcome in _AS_ZERO for run in runs)
+    return cell_ends(ends, zeros, worst, slots).around(cell.score)
 
 
 def _places(teams: Sequence[Mapping[str, Cell]], spec: Spec) -> list[tuple[int, ...]]:

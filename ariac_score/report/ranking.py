@@ -33,6 +33,7 @@ def ranking_text(
         _head(ranking, style),
         _stewarded(ranking, style),
         _leaderboard(ranking, style),
+        _open(ranking, style),
         _sure(ranking, statistics, style) if statistics else (),
         _unusual(ranking, style),
         _cohort(ranking, style),
@@ -119,6 +120,28 @@ def _row(standing: TeamRank, ranking: Ranking, *, judged: bool) -> list[str]:
         for cell in (standing.trials[trial] for trial in ranking.trials)
     ]
     return [rank, plain(standing.name), *([value, execution, judges] if judged else [execution]), *cells]
+
+
+def _open(ranking: Ranking, style: Style) -> Iterator[str]:
+    """Between which ends the scores and ranks of teams lie whose logs leave something open."""
+    standings = [s for s in final_ranking(ranking).standings if s.open is not None]
+    if not standings:
+        return
+    yield style("What logs leave open", "bold")
+    yield style(
+        "  not how sure the ranks are: what was not recorded; never added to the intervals below", "dim"
+    )
+    for standing in standings:
+        ends = standing.open
+        assert ends is not None  # only such are listed
+        said = f"{amount_text(ends.execution.least)} to {amount_text(ends.execution.most)}"
+        same = ends.execution.least == ends.execution.most
+        rank = ""
+        if ends.best_rank is not None and ends.worst_rank is not None:
+            rank = f", rank {_from_to(ends.best_rank, ends.worst_rank)}"
+        runs = f" ({_many(ends.runs, 'open run')})" if ends.runs else ""
+        score = amount_text(ends.execution.least) if same else said
+        yield f"  {plain(standing.name)}: score {score}{rank}{runs}"
 
 
 def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:
@@ -257,7 +280,9 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
         text_cell(f"{trial} {what}") for trial in ranking.trials for what in ("score", "outcome", "runs")
     ]
     head = ["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"]
-    writer.writerow([*head, "rank low", "rank high", *added])
+    opened = any(standing.open for standing in ranking.standings)
+    of_open = ["execution least", "execution most", "open rank low", "open rank high"] if opened else []
+    writer.writerow([*head, "rank low", "rank high", *added, *of_open])
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
         own = odds.get(standing.team)
@@ -278,8 +303,16 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
             then = automatic[standing.team]
             row.append("" if then.rank is None else str(then.rank))
             row.append("" if then.value is None else repr(then.value))
+        row += _ends_of(standing) if opened else []
         writer.writerow(row)
     return out.getvalue()
+
+
+def _ends_of(standing: TeamRank) -> list[str]:
+    ends = standing.open
+    assert ends is not None  # where one team has ends, all have
+    ranks = ["" if rank is None else str(rank) for rank in (ends.best_rank, ends.worst_rank)]
+    return [f"{ends.execution.least:f}", f"{ends.execution.most:f}", *ranks]
 
 
 def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import OUTCOMES, Stewarded
+from ariac_score.ranking.rank import OUTCOMES, Stewarded, TeamRank
 from ariac_score.ranking.violations import Tally
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.results.result import canonical
@@ -125,6 +125,9 @@ def _leaderboard(publication: Publication, conducts: Mapping[RunKey, RunConduct]
     columns += ["execution_low", "execution_high", "judges", "runs_made", "runs_counted", "places"]
     columns += [*(f"tie: {name}" for name in ties), "separated_by", "disqualified", "remarks"]
     columns += ["automatic_rank", "automatic_execution"]
+    opened = any(standing.open for standing in publication.final.standings)
+    if opened:
+        columns += ["open_least", "open_most", "open_rank_best", "open_rank_worst"]
     if teams:
         columns += ["task_points", "safety_points", "steward_points"]
         columns += [
@@ -160,10 +163,20 @@ def _leaderboard(publication: Publication, conducts: Mapping[RunKey, RunConduct]
                 "; ".join(s.remarks),
                 automatic[s.team].rank,
                 automatic[s.team].execution,
+                *(_ends(s) if opened else ()),
                 *(_conduct(teams[s.team], standards) if teams else ()),
             )
         )
     return Table("leaderboard", "Leaderboard", tuple(columns), tuple(rows))
+
+
+def _ends(standing: TeamRank) -> tuple[Value, ...]:
+    ends = standing.open
+    return (
+        (None,) * 4
+        if ends is None
+        else (ends.execution.least, ends.execution.most, ends.best_rank, ends.worst_rank)
+    )
 
 
 def _conduct(of: TeamConduct, standards: Sequence[str]) -> tuple[Value, ...]:

@@ -49,6 +49,7 @@ class TeamRow:
         bar: Its score by task and safety, drawn; `None` where it cannot be split.
         whisker: Both ends of the interval of its score, and its score, percent of the width.
         chances: Width and path of the drawing of its chances.
+        opened: Both ends that logs leave open, and its score, percent of the width; `None` where nothing is.
     """
 
     standing: TeamRank
@@ -63,6 +64,7 @@ class TeamRow:
     bar: Bar | None = None
     whisker: tuple[float, float, float] | None = None
     chances: tuple[int, str] | None = None
+    opened: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,11 @@ class View:
         return self.rows if len(self.rows) <= MOST_TEAMS_IN_PAIRS else ()
 
     @property
+    def open(self) -> bool:
+        """Whether the logs leave any score open."""
+        return any(row.standing.open for row in self.rows)
+
+    @property
     def has_pages(self) -> bool:
         """Whether runs have pages."""
         return any(cell.page for cells in self.cells.values() for cell in cells.values())
@@ -207,7 +214,14 @@ def view_of(
     spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution]
     shown = [s.execution for s in ranking.standings]
     shown += [one.task for one in teams.values() if one.task is not None]
-    drawn = _Drawn(scale_of(shown), scale_of([*spread, *(s.execution for s in ranking.standings)]))
+    opened = [s.open.execution for s in ranking.standings if s.open]
+    drawn = _Drawn(
+        scale_of(shown),
+        scale_of([*spread, *(s.execution for s in ranking.standings)]),
+        scale_of(
+            end for one in opened for end in (one.least, one.most, *(s.execution for s in ranking.standings))
+        ),
+    )
     return View(
         publication=publication,
         ranking=ranking,
@@ -244,10 +258,11 @@ def view_of(
 
 @dataclass(frozen=True)
 class _Drawn:
-    """The scales of the leaderboard: of task and safety, and of the intervals."""
+    """The scales of the leaderboard: of task and safety, of the intervals, and of what logs leave open."""
 
     parts: Scale
     spread: Scale
+    opened: Scale
 
 
 def _digits(ranking: Ranking) -> int:
@@ -297,6 +312,7 @@ def _row(standing: TeamRank, publication: Publication, conduct: TeamConduct | No
         _bar(standing, conduct, drawn.parts),
         _whisker(standing, odds.get(standing.team), drawn.spread),
         chances_path(own.chances) if (own := odds.get(standing.team)) else None,
+        _opened(standing, drawn.opened),
     )
 
 
@@ -304,6 +320,13 @@ def _bar(standing: TeamRank, conduct: TeamConduct | None, scale: Scale) -> Bar |
     if conduct is None or conduct.task is None:
         return None
     return Bar.of(conduct.task, standing.execution, scale)
+
+
+def _opened(standing: TeamRank, scale: Scale) -> tuple[float, float, float] | None:
+    if standing.open is None:
+        return None
+    ends = standing.open.execution
+    return scale.at(ends.least), scale.at(ends.most), scale.at(standing.execution)
 
 
 def _whisker(standing: TeamRank, odds: TeamOdds | None, scale: Scale) -> tuple[float, float, float] | None:
