@@ -20,7 +20,7 @@ from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal, align
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans, with_holes
 
 __all__ = [
     "ENVIRONMENT",
@@ -238,11 +238,14 @@ def watched_signals(
         optional: Further signals by template.
     """
     t, columns = align(signals, max_gap_s=max_gap_s)
-    inside, gaps, window = slice(None), [], trial.window
+    inside, window = slice(None), trial.window
+    gaps: list[Span] = []
     if window is not None:
         inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
         # Only samples inside count: one after the end of the competition covers nothing before it.
-        gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
+        if not all(signal.constant for signal in signals):
+            gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
+            gaps = with_holes(gaps, [hole for signal in signals for hole in signal.holes], window)
     return Watched(
         t[inside],
         {signal.name: column[inside] for signal, column in zip(signals, columns, strict=True)},

@@ -17,6 +17,7 @@ from rosbags.typesys.store import Typestore
 
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.logs.containers.inflating import inflate
+from ariac_score.testing.repacked import McapForm, repacked
 
 __all__ = ["Recorded", "Storage", "write_bag"]
 
@@ -36,12 +37,16 @@ class Recorded:
         t_ns: Log time, ns.
         fields: Field values; messages are mappings, sequences of them lists. What is
             left out is zero, empty or false.
+        publisher: The node that sent it, in ROS 1; its topic has a connection for each.
+        sequence: What its publisher numbers it, in MCAP; 0: not numbered.
     """
 
     topic: str
     type: str
     t_ns: int
     fields: Mapping[str, Any]
+    publisher: str = ""
+    sequence: int = 0
 
 
 def write_bag(
@@ -89,11 +94,13 @@ def _write_ros1(path: Path, messages: Sequence[Recorded], compression: str, chun
     if compression:
         writer.set_compression(rosbag1.Writer.CompressionFormat[compression.upper()])
     with writer:
-        connections: dict[tuple[str, str], Connection] = {}
+        connections: dict[tuple[str, str, str], Connection] = {}
         for message in messages:
-            key = message.topic, message.type
+            key = message.topic, message.type, message.publisher
             if key not in connections:
-                connections[key] = writer.add_connection(*key, typestore=store)
+                connections[key] = writer.add_connection(
+                    message.topic, message.type, typestore=store, callerid=message.publisher or None
+                )
             built = _built(store, message.type, message.fields)
             writer.write(connections[key], message.t_ns, store.serialize_ros1(built, message.type))
 
@@ -115,8 +122,11 @@ def _write_ros2(
             # Little-endian by name, so that the bytes do not depend on the machine.
             payload = store.serialize_cdr(built, message.type, little_endian=True)
             writer.write(connections[key], message.t_ns, payload)
+    numbers = tuple(message.sequence for message in messages)
     for file in path.glob("*.mcap"):
-        file.write_bytes(_with_chunk_crcs(file.read_bytes()))
+        raw = file.read_bytes()
+        numbered = repacked(raw, McapForm(compression, sequences=numbers)) if any(numbers) else raw
+        file.write_bytes(_with_chunk_crcs(numbered))
 
 
 def _with_chunk_crcs(mcap: bytes) -> bytes:

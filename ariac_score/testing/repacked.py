@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from zlib import crc32
 
@@ -31,6 +31,7 @@ class McapForm:
         indexed: Whether chunks have an index, and the file a summary.
         chunk_checksums: Whether each chunk has one.
         data_checksum: Whether the data as a whole have one: then all of them are read.
+        sequences: The numbers that publishers gave the messages, in their order; empty: as they are.
     """
 
     compression: str = ""
@@ -38,6 +39,7 @@ class McapForm:
     indexed: bool = True
     chunk_checksums: bool = True
     data_checksum: bool = False
+    sequences: Sequence[int] = ()
 
 
 def repacked(mcap: bytes, form: McapForm) -> bytes:
@@ -94,7 +96,10 @@ class _Writer:
             self.out += _record(op, body)
             return
         if op == _MESSAGE:
-            channel, _, stamp_ns = struct.unpack_from("<HIQ", body)
+            channel, sequence, stamp_ns = struct.unpack_from("<HIQ", body)
+            if self.form.sequences:
+                sequence = self.form.sequences[len(self.stamps_ns)]
+            body = struct.pack("<HI", channel, sequence) + body[6:]
             self.entries.setdefault(channel, []).append((stamp_ns, len(self.records)))
             self.counts[channel] = self.counts.get(channel, 0) + 1
             self.stamps_ns.append(stamp_ns)

@@ -11,6 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from ariac_score.errors import LogError
+from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
@@ -116,9 +117,19 @@ class TrialBuilder:
             self._defects[kind, where] = LogDefect(kind, where, total, message)
 
     def add_signal(
-        self, name: str, unit: str, t: FloatArray, values: FloatArray, *, source: str = ""
+        self,
+        name: str,
+        unit: str,
+        t: FloatArray,
+        values: FloatArray,
+        *,
+        source: str = "",
+        holes: Sequence[Span] = (),
+        contested: Sequence[Span] = (),
+        constant: bool = False,
+        stamp_jitter_s: float = 0.0,
     ) -> None:
-        """Take the samples of one signal in recorded order and settle them.
+        """Take the samples of one signal in recorded order and settle them; see `Signal` for the rest.
 
         Raises:
             LogError: Time runs back so far that the file must hold two recordings,
@@ -141,7 +152,9 @@ class TrialBuilder:
         for (kind, message), count in zip(_SETTLED_DEFECTS.items(), counts, strict=True):
             self.defect(kind, name, count, message)
         if len(settled.t):
-            self.signals[name] = Signal(name, unit, settled.t, settled.values, source)
+            t, values, left_out = without_contested(settled.t, settled.values, contested)
+            unknown = tuple(sorted({*holes, *left_out}))
+            self.signals[name] = Signal(name, unit, t, values, source, unknown, constant, stamp_jitter_s)
 
     def add_series(
         self, name: str, unit: str, t: FloatArray, values: FloatArray, *, source: str = ""
@@ -172,6 +185,11 @@ class TrialBuilder:
 
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
+        bodies = tuple(self.bodies.values())
+        for name, signal in self.signals.items():
+            self.signals[name], noted = believed(signal, bodies)
+            for defect in noted:
+                self.defect(defect.kind, defect.where, defect.count, defect.message)
         return Trial(
             id=self.trial_id,
             work=tuple(self.work),

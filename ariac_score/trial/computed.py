@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 from weakref import ref
 
@@ -30,7 +30,14 @@ class Computed(Signal):
         return Signal(*arguments, **named)
 
     @classmethod
-    def of(cls, name: str, unit: str, t: FloatArray, make: Callable[[], FloatArray]) -> Signal:
+    def of(
+        cls,
+        name: str,
+        unit: str,
+        t: FloatArray,
+        make: Callable[[], FloatArray],
+        sources: Sequence[Signal] = (),
+    ) -> Signal:
         """A signal whose values are yet to be computed.
 
         Args:
@@ -38,9 +45,13 @@ class Computed(Signal):
             unit: Of its values.
             t: Its times, shape (n,), s, strictly increasing.
             make: Computes its values, shape (n,) or (n, k).
+            sources: What they follow from: where these are not known, it is not.
         """
         self: Computed = object.__new__(cls)
-        state = {"name": name, "unit": unit, "source": "derived", "t": sealed(t)}
+        state: dict[str, Any] = {"name": name, "unit": unit, "source": "derived", "t": sealed(t)}
+        state["holes"] = tuple(sorted({hole for signal in sources for hole in signal.holes}))
+        state["constant"] = bool(sources) and all(signal.constant for signal in sources)
+        state["stamp_jitter_s"] = max((signal.stamp_jitter_s for signal in sources), default=0.0)
         for key, value in {**state, "_make": make, "_made": _nothing}.items():
             object.__setattr__(self, key, value)
         return self
@@ -49,7 +60,8 @@ class Computed(Signal):
         """Nothing to check: its times come from checked signals, its values do not exist yet."""
 
     def __reduce__(self) -> Any:
-        return Signal, (self.name, self.unit, self.t, self.values, self.source)
+        plain = (self.name, self.unit, self.t, self.values, self.source)
+        return Signal, (*plain, self.holes, self.constant, self.stamp_jitter_s)
 
     @property
     def identity(self) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.signals import Signal, common_times, sealed
-from ariac_score.trial.spans import BoolArray, FloatArray, distinct
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity, quantity_of
 
 __all__ = [
@@ -199,12 +199,14 @@ class _Velocity:
         half_window_s: float,
         teleport_speed_m_s: float,
         max_gap_s: float,
+        holes: Sequence[Span] = (),
     ) -> None:
         self._all_t, self._positions_m = t, positions_m
         self._half_samples, self._half_s = half_window_samples, half_window_s
         steps_s = np.diff(t)
         jumps = np.flatnonzero(_norm(np.diff(positions_m, axis=0)) > teleport_speed_m_s * steps_s)
-        gaps = np.flatnonzero(steps_s > max_gap_s + 1e-9)  # 1 ns for rounding, as in `covered`
+        # 1 ns for rounding, as in `covered`; a step that lies in a hole is one across a gap, however short.
+        gaps = np.flatnonzero((steps_s > max_gap_s + 1e-9) | within_spans((t[1:] + t[:-1]) / 2, holes))
         self.jumps = len(jumps)
         # The first row of each track: at a jump, and after a gap, one ends.
         self._begins = distinct(np.concatenate([[0], jumps + 1, gaps + 1]).astype(np.intp))
@@ -398,8 +400,25 @@ class _Deriver:
             return None
         t, values = made
         # Kept under its name: velocities are the sources of speeds and approaches alike.
-        self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values)
+        sources = self._sources(name)
+        self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values, sources)
         return self.signals[name]
+
+    def _sources(self, name: str) -> list[Signal]:
+        """The recorded signals that a derived one follows from."""
+        quantity, _, subject = name.partition("/")
+        first, _, second = subject.partition("/")
+        if quantity in self.brought:
+            needs = self.brought[quantity].needs.values()
+            names = [need.format(body=subject, first=first, second=second) for need in needs]
+        else:
+            points = [
+                point
+                for one in (first, second)
+                for point in dict.fromkeys((one, *(_points(self.bodies[one]) if one in self.bodies else ())))
+            ]
+            names = [f"{of}/{point}" for of in SOURCES.get(quantity, ()) for point in points]
+        return [self.signals[one] for one in names if one in self.signals]
 
     def _by_plugin(self, name: str, max_gap_s: float) -> _Made | None:
         """A signal as a plugin computes it, without the times at which it has no value."""
@@ -432,7 +451,8 @@ class _Deriver:
             HALF_WINDOW_SAMPLES,
             self.speed_window_s,
             TELEPORT_SPEED_M_S,
-            max_gap_s,
+            max_gap_s if not position.constant else np.inf,
+            position.holes,
         )
         if velocity.jumps:
             message = f"{point} jumped faster than {TELEPORT_SPEED_M_S:g} m/s; its track was split there"

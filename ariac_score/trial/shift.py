@@ -19,8 +19,14 @@ def shifted(trial: Trial, by_s: float) -> Trial:
         work=at_times(trial.work, lambda t_s: t_s + by_s),
         submissions=tuple(replace(s, submitted_s=s.submitted_s + by_s) for s in trial.submissions),
         events=tuple(replace(event, t_s=event.t_s + by_s) for event in trial.events),
-        signals={name: replace(s, t=s.t + by_s) for name, s in trial.signals.items()},
+        signals={
+            name: replace(s, t=s.t + by_s, holes=_later(s.holes, by_s)) for name, s in trial.signals.items()
+        },
         as_consumed={name: replace(s, t=s.t + by_s) for name, s in trial.as_consumed.items()},
         recorded=None if recorded is None else Span(recorded.start_s + by_s, recorded.end_s + by_s),
         records=tuple(record.shifted(by_s) for record in trial.records),
     )
+
+
+def _later(spans: tuple[Span, ...], by_s: float) -> tuple[Span, ...]:
+    return tuple(Span(span.start_s + by_s, span.end_s + by_s) for span in spans)

@@ -11,7 +11,15 @@ import numpy as np
 
 from ariac_score.errors import MissingSignalError
 from ariac_score.trial.frames import frame
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, uncovered_spans
+from ariac_score.trial.spans import (
+    BoolArray,
+    FloatArray,
+    Span,
+    distinct,
+    uncovered_spans,
+    with_holes,
+    within_spans,
+)
 
 __all__ = [
     "LARGEST_VALUE",
@@ -54,6 +62,10 @@ class Signal:
         t: Sample times, shape (n,), s of trial time, strictly increasing.
         values: Shape (n,) or (n, k), finite.
         source: Where it was recorded, such as the topic, or `derived`; empty when unknown.
+        holes: Stretches of which the log itself shows that samples are missing or cannot be believed: nothing
+            is known between their ends, however short they are.
+        constant: Whether it holds at all times, as a static transform does: it covers everything.
+        stamp_jitter_s: By how much its stamps may be late against each other, s: 0 where senders stamped it.
 
     Raises:
         ValueError: The times do not increase, or a value is not finite. Readers
@@ -65,6 +77,9 @@ class Signal:
     t: FloatArray
     values: FloatArray
     source: str = ""
+    holes: tuple[Span, ...] = ()
+    constant: bool = False
+    stamp_jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
         t, values = _checked_columns(self.name, self.t, self.values)
@@ -100,12 +115,17 @@ class Signal:
         return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=1)
 
     def covers(self, t: FloatArray, *, max_gap_s: float) -> BoolArray:
-        """Whether each time is a sample or lies between two at most `max_gap_s` apart."""
-        return covered(self.t, t, max_gap_s=max_gap_s)
+        """Whether each time is a sample or lies between two at most `max_gap_s` apart, outside its holes."""
+        if self.constant:
+            return np.ones(len(t), dtype=bool)
+        found = covered(self.t, t, max_gap_s=max_gap_s)
+        return found & ~within_spans(t, self.holes) if self.holes else found
 
     def gaps(self, window: Span, *, max_gap_s: float) -> list[Span]:
         """The stretches of a window this signal says nothing about."""
-        return uncovered_spans(self.t, window, max_gap_s=max_gap_s)
+        if self.constant:
+            return []
+        return with_holes(uncovered_spans(self.t, window, max_gap_s=max_gap_s), self.holes, window)
 
     def to_frame(self) -> Any:
         """The samples as a `pandas.DataFrame`: times `t_s` as its index, a column for each component.
@@ -266,16 +286,19 @@ def common_times(signals: Sequence[Signal], *, max_gap_s: float) -> FloatArray:
     for signal in signals:
         if isinstance(signal, Series):
             raise MissingSignalError(signal.name, (), as_consumed=(signal.name,))
+    # What is constant says nothing of when anything was seen.
+    moving = [signal for signal in signals if not signal.constant] or signals
     # By identity first: signals of one message share one array of times.
-    bases = list({id(signal.t): signal.t for signal in signals}.values())
-    first = bases[0]
-    if all(np.array_equal(t, first) for t in bases[1:]):
-        return first
-    times = distinct(np.concatenate(bases))
-    known = np.ones(len(times), dtype=bool)
-    for t in bases:
-        known &= covered(t, times, max_gap_s=max_gap_s)
-    return times[known]
+    bases = list({id(signal.t): signal.t for signal in moving}.values())
+    holes = [hole for signal in moving for hole in signal.holes]
+    times = bases[0]
+    if not all(np.array_equal(t, times) for t in bases[1:]):
+        times = distinct(np.concatenate(bases))
+        known = np.ones(len(times), dtype=bool)
+        for t in bases:
+            known &= covered(t, times, max_gap_s=max_gap_s)
+        times = times[known]
+    return times[~within_spans(times, holes)] if holes else times
 
 
 def align(signals: Sequence[Signal], *, max_gap_s: float) -> tuple[FloatArray, list[FloatArray]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -19,6 +19,8 @@ __all__ = [
     "longest_silence_s",
     "sample_durations",
     "uncovered_spans",
+    "with_holes",
+    "within_spans",
 ]
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -173,6 +175,40 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     after = int(np.searchsorted(t, window.end_s))
     bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
     return [] if bridged else [window]
+
+
+def with_holes(gaps: Iterable[Span], holes: Iterable[Span], window: Span) -> list[Span]:
+    """Gaps, and the parts of holes that lie in a window: one stretch where they touch, in time order.
+
+    >>> with_holes([Span(1.0, 2.0)], [Span(1.5, 3.0), Span(8.0, 9.0)], Span(0.0, 5.0))
+    [Span(start_s=1.0, end_s=3.0)]
+    """
+    inside = [
+        Span(max(hole.start_s, window.start_s), min(hole.end_s, window.end_s))
+        for hole in holes
+        if hole.start_s < window.end_s and hole.end_s > window.start_s
+    ]
+    if not inside:
+        return list(gaps)
+    merged: list[Span] = []
+    for span in sorted([*gaps, *inside]):
+        if merged and span.start_s <= merged[-1].end_s:
+            merged[-1] = Span(merged[-1].start_s, max(merged[-1].end_s, span.end_s))
+        else:
+            merged.append(span)
+    return merged
+
+
+def within_spans(t: FloatArray, spans: Sequence[Span]) -> BoolArray:
+    """Whether each time lies inside one of some stretches, not at its ends.
+
+    >>> within_spans(np.array([1.0, 1.5, 2.0]), [Span(1.0, 2.0)]).tolist()
+    [False, True, False]
+    """
+    inside = np.zeros(len(t), dtype=bool)
+    for span in spans:
+        inside |= (t > span.start_s) & (t < span.end_s)
+    return inside
 
 
 def _edges(t: FloatArray, window: Span) -> tuple[FloatArray, FloatArray]:

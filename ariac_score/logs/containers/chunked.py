@@ -98,12 +98,14 @@ class MessageHeads:
         stamps_ns: Their log times, ns, shape (n,).
         starts: Where each payload starts in the buffer, shape (n,).
         ends: Where it ends, shape (n,).
+        sequences: The number of each, shape (n,); `None` where messages have none.
     """
 
     senders: IntArray
     stamps_ns: IntArray
     starts: IntArray
     ends: IntArray
+    sequences: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -594,9 +596,13 @@ class ChunkedScan(ABC):
             is_unwanted = np.array([number in self._unwanted for number in numbers], dtype=bool)
             ends = np.where(is_unwanted[sources], starts, ends)
         connections = tuple(self._connections[number] for number in numbers)
-        return Batch(connections, sources, heads.stamps_ns[rows], Payloads(places.buffer, starts, ends))
+        numbered = None if heads.sequences is None else heads.sequences[rows]
+        payloads = Payloads(places.buffer, starts, ends)
+        return Batch(connections, sources, heads.stamps_ns[rows], payloads, numbered)
 
-    def _message(self, sender: int, stamp_ns: int, payload: memoryview, start: int) -> Message:
+    def _message(
+        self, sender: int, stamp_ns: int, payload: memoryview, start: int, sequence: int = 0
+    ) -> Message:
         """A single message.
 
         Raises:
@@ -607,7 +613,7 @@ class ChunkedScan(ABC):
             raise self._undeclared(sender)
         checked_stamp(stamp_ns, file=self.path, place=f"message at byte {start}")
         self._found[sender] += 1
-        return Message(self._connections[sender], stamp_ns, payload)
+        return Message(self._connections[sender], stamp_ns, payload, sequence)
 
     def _undeclared(self, sender: int) -> ValueError:
         return ValueError(

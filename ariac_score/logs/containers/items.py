@@ -86,6 +86,7 @@ class Connection:
         encoding: `cdr`, `ros1`, or whatever the container names.
         definition: Text of the message definition; empty when the recording has none.
         definition_format: `ros1msg`, `ros2msg` or `ros2idl`; empty without definition.
+        publisher: Who sent its messages, such as a node; empty when the container does not say.
     """
 
     topic: str
@@ -93,14 +94,16 @@ class Connection:
     encoding: str
     definition: str = ""
     definition_format: str = ""
+    publisher: str = ""
 
 
 class Message(NamedTuple):
-    """One recorded message: its connection, its log time in ns, and its bytes."""
+    """One recorded message: connection, log time in ns, bytes, and number (0: it has none)."""
 
     connection: Connection
     stamp_ns: int
     payload: bytes | memoryview
+    sequence: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +115,14 @@ class Batch:
         sources: The index of each message's connection among these, shape (n,).
         stamps_ns: Their log times in ns, each verified to be valid, shape (n,).
         payloads: Their bytes.
+        sequences: Numbers by their publishers, shape (n,); `None` where the container has none.
     """
 
     connections: tuple[Connection, ...]
     sources: IntArray
     stamps_ns: IntArray
     payloads: Payloads
+    sequences: IntArray | None = None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

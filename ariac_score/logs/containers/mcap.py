@@ -45,9 +45,9 @@ _Body = bytes | memoryview
 
 _MESSAGE_WORDS = np.dtype(
     {
-        "names": ["op", "size", "channel", "stamp_ns"],
-        "formats": ["u1", "<u8", "<u2", "<u8"],
-        "offsets": [0, 1, 9, 15],
+        "names": ["op", "size", "channel", "sequence", "stamp_ns"],
+        "formats": ["u1", "<u8", "<u2", "<u4", "<u8"],
+        "offsets": [0, 1, 9, 11, 15],
         "itemsize": _RECORD.size + _MESSAGE_HEAD.size,
     }
 )
@@ -255,9 +255,10 @@ class McapScan(ChunkedScan):
             raise ValueError("a message has a length that it cannot have")
         starts = offsets + _MESSAGE_WORDS.itemsize
         ends = starts + (sizes.astype(np.int64) - _MESSAGE_HEAD.size)
-        return MessageHeads(
-            words["channel"].astype(np.int64), words["stamp_ns"].astype(np.int64), starts, ends
+        senders, sequences, stamps_ns = (
+            words[name].astype(np.int64) for name in ("channel", "sequence", "stamp_ns")
         )
+        return MessageHeads(senders, stamps_ns, starts, ends, sequences)
 
     def _outside_chunks(self, source: Source, op: int, body: _Body, start: int) -> Iterator[Item]:
         try:
@@ -310,8 +311,9 @@ class McapScan(ChunkedScan):
 
     def _items(self, op: int, body: _Body, start: int) -> Iterator[Item]:
         if op == _MESSAGE:
-            channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-            yield self._message(channel, stamp_ns, memoryview(body)[_MESSAGE_HEAD.size :], start)
+            channel, sequence, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+            payload = memoryview(body)[_MESSAGE_HEAD.size :]
+            yield self._message(channel, stamp_ns, payload, start, sequence)
         elif op == _SCHEMA:
             self._declare_schema(body)
         elif op == _CHANNEL:
@@ -340,7 +342,9 @@ class McapScan(ChunkedScan):
             raise ValueError(f"channel {key} needs schema {schema}, which is not declared before it")
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
         self._schema_of[key] = schema
-        yield self._declared(key, Connection(topic, type_, encoding, definition, format_))
+        # A recorder opens a channel for each topic, or for each publisher of it.
+        declared = Connection(topic, type_, encoding, definition, format_, f"channel {key}")
+        yield self._declared(key, declared)
 
     def _cut_chunk(self, source: Source, start: int) -> Iterator[Item]:
         """The whole records of an uncompressed chunk that the file ends in."""

@@ -299,7 +299,8 @@ class Ros1Scan(ChunkedScan):
             return
         definition = _text(facts, b"message_definition")
         form = "ros1msg" if definition else ""
-        yield self._declared(number, Connection(topic, type_, "ros1", definition, form))
+        publisher = facts.get(b"callerid", b"").decode("utf-8", errors="replace")
+        yield self._declared(number, Connection(topic, type_, "ros1", definition, form, publisher))
 
     def _close(self, source: Source) -> None:
         self._reached(source.offset)

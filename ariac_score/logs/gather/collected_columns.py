@@ -21,6 +21,7 @@ from ariac_score.trial.channels import Channel
 from ariac_score.trial.spans import FloatArray
 
 __all__ = [
+    "SEQUENCE",
     "Decoded",
     "Needs",
     "PoseBatch",
@@ -30,6 +31,8 @@ __all__ = [
 ]
 
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+SEQUENCE = "header.seq"
+"""What a ROS 1 publisher numbers its stamped messages by."""
 _AT = tuple(f"transforms.transform.translation.{axis}" for axis in "xyz")
 _TURN = tuple(f"transforms.transform.rotation.{axis}" for axis in "xyzw")
 _PARENT, _CHILD = "transforms.header.frame_id", "transforms.child_frame_id"
@@ -89,7 +92,12 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
     stamps = {path: what for need in needs for path, what in need.stamps().items()}
     must = any(need.channel.stamp == "header" and need.stamps() for need in needs)
     # A type without a header is no error: unless the log map insists, times of recording count for it.
-    decoder = column_decoder_for(connection, fields | stamps)
+    sequences = dict[str, _Wanted]()
+    if connection.encoding == "ros1" and any(by_header(n.channel) and not n.channel.poses for n in needs):
+        sequences = {SEQUENCE: ("stamp", ())}
+    decoder = column_decoder_for(connection, fields | stamps | sequences)
+    if sequences and not _has(decoder, sequences):
+        decoder = column_decoder_for(connection, fields | stamps)
     if not _has(decoder, stamps):
         if must:
             return None
@@ -152,6 +160,23 @@ class Decoded:
         if len(paths) == 1:
             return self.columns[paths[0]].values.astype(np.float64)
         return _side_by_side(self.columns, paths)
+
+    @property
+    def sequences(self) -> IntArray | None:
+        """What their publisher numbered them, shape (n,); `None` where it did not."""
+        column = self.columns.get(SEQUENCE)
+        return None if column is None else column.values.astype(np.int64)
+
+    def first_of_each(self, stamps_ns: IntArray) -> tuple[IntArray, IntArray]:
+        """Of the stamps of transforms the first of each message: the messages' numbers, these stamps."""
+        counts = self.columns[_CHILD].per_message()
+        some = counts > 0
+        return self.sequence_numbers[some], stamps_ns[(np.cumsum(counts) - counts)[some]]
+
+    @property
+    def frames(self) -> tuple[Column, Column]:
+        """The names of parents and children of transforms."""
+        return self.columns[_PARENT], self.columns[_CHILD]
 
     def stamps_ns(self, channel: Channel, clocks: Clocks) -> IntArray:
         """The stamps that count for a channel: one for each message, or for each transform."""

@@ -29,15 +29,17 @@ from ariac_score.logs.gather.collected_columns import (
     clock_key,
     columns_for,
 )
+from ariac_score.logs.gather.frame_publishers import FramePublishers
 from ariac_score.logs.gather.message_fields import NUMBER, nearest, number_paths, value_at
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
+from ariac_score.logs.gather.numbering import Numbering, TopicNumbering, Unknown, note_contested
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["Collector", "MessageRoute"]
@@ -84,6 +86,7 @@ class Collector:
         self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
         self._routes: dict[Connection, MessageRoute] = {}
         self._pending = Pending()
+        self._numbering, self._frame_publishers = Numbering(), FramePublishers()
         self._number = 0
         self._others: set[str] = set()
         self.share = 0.0
@@ -112,6 +115,8 @@ class Collector:
             return
         self._number += 1  # of all messages, so that order across topics can be restored
         if item.connection in self._routes:
+            if item.sequence:
+                self._numbering.take(item.connection, np.array([self._number]), np.array([item.sequence]))
             self._pending.add(item, self._number)
             if self._pending.full:
                 self.flush()
@@ -119,8 +124,17 @@ class Collector:
     def _take_many(self, batch: Batch) -> None:
         first = self._number + 1
         self._number += len(batch)
+        if batch.sequences is not None and batch.sequences.any():
+            self._take_sequences(batch, batch.sequences, first)
         for waiting in self._pending.take(batch, self._routes, first):
             self._decode_waiting(waiting)
+
+    def _take_sequences(self, batch: Batch, sequences: IntArray, first: int) -> None:
+        self._numbering.count_across(batch.sources, sequences)
+        for place, connection in enumerate(batch.connections):
+            if connection in self._routes:
+                rows = np.flatnonzero(batch.sources == place)
+                self._numbering.take(connection, rows + first, sequences[rows])
 
     def _connect(self, connection: Connection) -> None:
         intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
@@ -137,7 +151,7 @@ class Collector:
             decode = decoder_for(connection) if columns is None else _when_needed(connection)
         except UnknownTypeError as error:
             for intake in intakes:
-                intake.unknown[connection.type] = str(error)
+                intake.untyped[connection.type] = str(error)
             return
         self._routes[connection] = MessageRoute(intakes, decode, columns, connection.topic, alone)
 
@@ -180,14 +194,23 @@ class Collector:
             poses = intake.channel.poses
             stamps_ns = decoded.stamps_ns(intake.channel, self._clocks)
             refused: dict[int, str] = {}
+            sent = decoded.sequence_numbers, stamps_ns
             if poses == "frames":
-                together.add_frames(decoded, stamps_ns, static=intake.channel.topic.endswith("tf_static"))
+                static = intake.channel.topic.endswith("tf_static")
+                sent = decoded.first_of_each(stamps_ns)
+                if not static:
+                    self._frame_publishers.take(connection, *decoded.frames, stamps_ns)
+                together.add_frames(decoded, stamps_ns, static=static)
             elif poses == "models":
                 refused = together.add_models(
                     decoded, stamps_ns, links=connection.type.endswith("LinkStates")
                 )
             else:
                 intake.take_columns(decoded, stamps_ns)
+            sequences = decoded.sequences
+            if sequences is None:
+                sequences = self._numbering.of(connection, sent[0])
+            intake.sent.take(connection, *sent, sequences)
             intake.received += len(decoded.sequence_numbers) - len(refused)
             intake.refused |= decoded.refused | refused
 
@@ -226,8 +249,13 @@ class Collector:
             for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
                 stamp_ns = item.stamp_ns if static else self._stamp_ns(item, number, transform, channel)
                 self._tree.add(transform, None if static else stamp_ns)
+                if not static:
+                    names = transform.header.frame_id, transform.child_frame_id
+                    self._frame_publishers.take_one(item.connection, *names, stamp_ns)
+            self._sent(item, number, message, intake, item.stamp_ns)
             return
         stamp_ns = self._stamp_ns(item, number, message, channel)
+        self._sent(item, number, message, intake, stamp_ns)
         if channel.poses == "models":
             links = item.connection.type.endswith("LinkStates")
             self._models.add(message, stamp_ns, links=links)
@@ -235,6 +263,16 @@ class Collector:
                 self._frames[links].add(message, stamp_ns)
             return
         intake.take(message, item.connection.type, stamp_ns)
+
+    def _sent(self, item: Message, number: int, message: object, intake: _Intake, stamp_ns: int) -> None:
+        """Take note of who sent a message, and of how it numbered it."""
+        numbers, stamps_ns = np.array([number]), np.array([stamp_ns])
+        sequence = getattr(getattr(message, "header", None), "seq", None)
+        if isinstance(sequence, int | np.integer):
+            intake.sent.take(item.connection, numbers, stamps_ns, np.array([int(sequence)]))
+        else:
+            sequences = self._numbering.of(item.connection, numbers)
+            intake.sent.take(item.connection, numbers, stamps_ns, sequences)
 
     def _stamp_ns(self, item: Message, number: int, message: object, channel: Channel) -> int:
         """The stamp that counts: the message's own, or that of the recorder."""
@@ -287,8 +325,9 @@ class Collector:
                 cause = f"its messages were decoded one by one, which is slower: {route.slow}"
                 builder.defect("decoded_one_by_one", route.topic, 1, cause)
         received: set[str] = set()
+        numbered = not self._numbering.of_recorder
         for intake in self._intakes:
-            intake.settle(builder, origin_ns, self._wanted)
+            intake.settle(builder, origin_ns, self._wanted, numbered=numbered)
             if intake.received:
                 received |= intake.bodies()
         # Several channels may offer one topic with different types; only one of them can be recorded.
@@ -302,12 +341,30 @@ class Collector:
             if body.id in received:
                 builder.add_body(body)
         if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
-            self._tree.settle(builder, origin_ns, self._wanted.log_map.frames)
+            self._settle_frames(builder, origin_ns)
         if "position" in self._wanted.quantities:
-            self._models.settle(builder, origin_ns)
+            of_models = [intake.unknown for intake in self._intakes if intake.channel.poses == "models"]
+            self._models.settle(builder, origin_ns, of_models)
         self._add_unrecorded_bodies(builder, due)
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
+
+    def _settle_frames(self, builder: TrialBuilder, origin_ns: int) -> None:
+        contested: dict[str, list[Span]] = {}
+        for frame, stretch in self._frame_publishers.contested():
+            ends_ns = np.array([stretch.first_ns, stretch.last_ns])
+            if self._clocks.simulated:
+                ends_ns = self._clocks.on_trial_clock("/tf", ends_ns)
+            start_s, end_s = times_s(ends_ns, origin_ns).tolist()
+            contested.setdefault(frame, []).append(Span(start_s, end_s))
+            note_contested(builder, f"frame {frame}", stretch, contested[frame][-1])
+        holes = [
+            hole
+            for intake in self._intakes
+            if intake.channel.poses == "frames" and not intake.channel.topic.endswith("tf_static")
+            for hole in intake.unknown.holes
+        ]
+        self._tree.settle(builder, origin_ns, self._wanted.log_map.frames, holes=holes, contested=contested)
 
     def _add_unrecorded_bodies(self, builder: TrialBuilder, due: Set[str]) -> None:
         """Add the bodies that should have been recorded, where others of their kind were."""
@@ -393,7 +450,8 @@ class _Intake:
     def __init__(self, channel: Channel, wanted: Wanted) -> None:
         self.channel = channel
         self.received = 0
-        self.unknown: dict[str, str] = {}
+        self.sent, self.unknown = TopicNumbering(), Unknown()
+        self.untyped: dict[str, str] = {}
         self.undecodable: list[str] = []
         self.refused: dict[int, str] = {}
         self._type = normalised_type(channel.type)
@@ -406,6 +464,7 @@ class _Intake:
             if quantity_of(f.signal) in wanted.quantities
         ]
         self._items: list[tuple[str, object, int]] = []
+        self._retimed: Callable[[IntArray], IntArray] = np.asarray
 
     def accepts(self, connection: Connection) -> bool:
         """Whether the messages of a connection are for this channel."""
@@ -429,6 +488,7 @@ class _Intake:
 
     def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
         """Put its stamps on another clock."""
+        self._retimed = retimed
         for column in self._columns:
             column.stamps_ns = array("q", retimed(np.array(column.stamps_ns, dtype=np.int64)).tobytes())
         kept_ns = np.array([stamp_ns for _, _, stamp_ns in self._items], dtype=np.int64)
@@ -465,9 +525,17 @@ class _Intake:
             column.stamps_ns.append(stamp_ns)
             column.values.extend(row)
 
-    def settle(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> None:
-        """Hand everything but poses to the builder."""
+    def settle(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted, *, numbered: bool) -> None:
+        """Hand everything but poses to the builder; `numbered`: publishers numbered the messages."""
         topic = self.channel.topic
+
+        def to_trial_s(stamps_ns: IntArray) -> FloatArray:
+            return times_s(self._retimed(stamps_ns), origin_ns)
+
+        if self.channel.poses == "frames":
+            self.unknown = self.sent.unknown(builder, topic, to_trial_s, numbered=numbered, shared=True)
+        else:
+            self.unknown = self.sent.unknown(builder, topic, to_trial_s, numbered=numbered)
         if self.undecodable:
             builder.defect(
                 "undecodable_messages",
@@ -476,7 +544,12 @@ class _Intake:
                 f"messages do not fit their definition; the first: {self.undecodable[0]}",
             )
         self._settle_signals(builder, origin_ns)
-        lost = len(self.undecodable) + len(self.unknown) + self._settle_items(builder, origin_ns, wanted)
+        lost = (
+            self.unknown.lost
+            + len(self.undecodable)
+            + len(self.untyped)
+            + self._settle_items(builder, origin_ns, wanted)
+        )
         # With a lost message, silence of the topic no longer means that nothing happened.
         if self._types and not lost:
             builder.witnessed.update(self.channel.witnesses)
@@ -503,13 +576,13 @@ class _Intake:
                 near = get_close_matches(self.channel.topic, sorted(others), n=1, cutoff=_LIKE)
                 meant = f": did you mean {near[0]!r}?" if near else ""
                 yield (f"{topic} ({self._type})" if self._type else topic) + meant
-        for type_, reason in self.unknown.items():
+        for type_, reason in self.untyped.items():
             yield f"{topic} ({type_}): {reason}"
         if self.undecodable and not self.received:
             types = ", ".join(sorted(self._types))
             yield f"{topic} ({types}): none of its {len(self.undecodable)} messages can be decoded"
         # Silence is what a topic of events may well have; a signal without samples is missing.
-        silent = self._types and not (self.received or self.undecodable or self.unknown)
+        silent = self._types and not (self.received or self.undecodable or self.untyped)
         if silent and (self._columns or self.channel.poses) and not self.channel.optional:
             yield f"{topic} ({', '.join(sorted(self._types))}): it has no messages"
         for lack in self._lacking.values():
@@ -523,8 +596,12 @@ class _Intake:
                     values = values.reshape(-1, len(column.getters))
                 t = times_s(column.stamps_ns, origin_ns)
                 signal, unit = column.field_map.signal, column.field_map.unit
-                add = builder.add_series if self.channel.as_consumed else builder.add_signal
-                add(signal, unit, t, values, source=self.channel.topic)
+                if self.channel.as_consumed:
+                    builder.add_series(signal, unit, t, values, source=self.channel.topic)
+                    continue
+                holes, contested = self.unknown.holes, self.unknown.contested
+                source = self.channel.topic
+                builder.add_signal(signal, unit, t, values, source=source, holes=holes, contested=contested)
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel are about."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gather.message_fields import nearest
+from ariac_score.logs.gather.numbering import Unknown
 from ariac_score.logs.gather.transforms import Retimed, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
@@ -111,14 +112,19 @@ class ModelPoses:
                 stamps_ns = retimed(np.array(track.stamps_ns, dtype=np.int64))
                 track.stamps_ns = array("q", stamps_ns.tobytes())
 
-    def settle(self, builder: TrialBuilder, origin_ns: int) -> None:
-        """Hand positions, velocities and bodies to the builder."""
+    def settle(self, builder: TrialBuilder, origin_ns: int, unknown: Iterable[Unknown] = ()) -> None:
+        """Hand positions, velocities and bodies to the builder, with what is unknown of their topics."""
+        holes, contested = [], []
+        for one in unknown:
+            holes += one.holes
+            contested += one.contested
         if self._received:
             unmatched = [m.match for m in self._matches if m.match not in self._matched]
             there = sorted({name.partition("::")[0] for name in self._tracks})
             for pattern in unmatched:
                 meant = nearest(pattern, there, what="recorded models")
                 builder.unrecorded.append(f"model {pattern}: no recorded model matches; {meant}")
+        given: dict[str, Any] = {"source": "model states", "holes": holes, "contested": contested}
         for name in sorted(self._tracks):
             track = self._tracks[name]
             if track is not None:
@@ -126,5 +132,5 @@ class ModelPoses:
                 subject = "::".join((track.body.id, *track.body.links))
                 t = times_s(track.stamps_ns, origin_ns)
                 rows = np.frombuffer(track.rows, dtype=np.float64).reshape(-1, 6)
-                builder.add_signal(f"position/{subject}", "m", t, rows[:, :3], source="model states")
-                builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:], source="model states")
+                builder.add_signal(f"position/{subject}", "m", t, rows[:, :3], **given)
+                builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:], **given)

@@ -7,10 +7,11 @@ samples, settles their order once, and gives no position where a transform was s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gather.array_growth import GrowthForecast
+from ariac_score.logs.gather.chain_times import seen_by_all, throughout
 from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
-from ariac_score.trial.spans import FloatArray, distinct
+from ariac_score.trial.spans import FloatArray, Span, distinct
 
 __all__ = ["MAX_GAP_S", "TransformTree", "times_s"]
 
@@ -213,6 +215,8 @@ class TransformTree:
         self._edges: dict[str, dict[str, _Edge]] = {}
         self._unusable: dict[str, int] = {}
         self._settled: dict[str, _Settled] = {}
+        self._holes: Sequence[Span] = ()
+        self._contested: Mapping[str, Sequence[Span]] = {}
 
     def add(self, transform: Any, stamp_ns: int | None) -> None:
         """Take one `geometry_msgs/TransformStamped`.
@@ -316,12 +320,28 @@ class TransformTree:
         for edge in (edge for parents in self._edges.values() for edge in parents.values()):
             edge.retime(retimed)
 
-    def settle(self, builder: TrialBuilder, origin_ns: int, matches: Sequence[BodyMatch]) -> None:
+    def settle(
+        self,
+        builder: TrialBuilder,
+        origin_ns: int,
+        matches: Sequence[BodyMatch],
+        *,
+        holes: Sequence[Span] = (),
+        contested: Mapping[str, Sequence[Span]] = MappingProxyType({}),
+    ) -> None:
         """Hand the positions of all matching frames to the builder, with their bodies.
+
+        Args:
+            builder: Of the trial.
+            origin_ns: Trial time 0, ns.
+            matches: Which frames are bodies.
+            holes: Stretches in which messages are missing, of any moving transform.
+            contested: By frame, stretches in which two publishers sent its transform.
 
         Raises:
             LogError: A wanted frame has a cycle or two parents above it, or its time runs backwards.
         """
+        self._holes, self._contested = holes, contested
         for child in sorted(self._unusable):
             message = "transforms that are not finite, or whose rotation is no unit quaternion, were left out"
             builder.defect("unusable_transforms", f"frame {child}", self._unusable[child], message)
@@ -383,13 +403,17 @@ class TransformTree:
             )
             return
         t, positions = self._positions(builder, origin_ns, chain[:-1])
+        constant = not any(next(iter(self._edges[one].values())).moves for one in chain[:-1])
         if not len(t):
             builder.unrecorded.append(
                 f"frame {frame}: the transforms up to {self._root!r} never overlap in time"
             )
             return
+        contested = [span for one in chain[:-1] for span in self._contested.get(one, ())]
+        holes = () if constant else self._holes
+        unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}
         name = "::".join((body.id, *body.links))
-        builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames")
+        builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames", **unknown)
 
     def _positions(
         self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
@@ -401,7 +425,11 @@ class TransformTree:
             for frame, edge in zip(chain, edges, strict=True)
             if edge.moves
         }
-        t = self._common_times(list(moving.values())) if moving else self._all_times(builder, origin_ns)
+        t = (
+            seen_by_all([edge.t for edge in moving.values()])
+            if moving
+            else self._all_times(builder, origin_ns)
+        )
         # No extrapolation, and none across a silence: every transform must be known at every time.
         for settled in moving.values():
             t = t[settled.covers(t)]
@@ -419,21 +447,11 @@ class TransformTree:
                     position[some, axis] = values
         return t, position
 
-    @staticmethod
-    def _common_times(moving: Sequence[_Settled]) -> FloatArray:
-        """All times at which at least one of some transforms was sampled."""
-        first = moving[0].t
-        if all(np.array_equal(settled.t, first) for settled in moving[1:]):
-            return first
-        return distinct(np.concatenate([settled.t for settled in moving]))
-
     def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
-        """The times for a frame that never moves: all at which anything in the tree was recorded."""
+        """The times for a frame that never moves: it was there all the time, whatever else was recorded."""
         edges = [edge for parents in self._edges.values() for edge in parents.values() if edge.moves]
-        if edges:
-            return times_s(distinct(np.concatenate([edge.stamps_ns for edge in edges])), origin_ns)
-        ends = builder.recorded
-        return distinct(np.array([ends.start_s, ends.end_s])) if ends else np.zeros(0)
+        stamps_ns = [edge.stamps_ns for edge in edges] or [np.zeros(0, dtype=np.int64)]
+        return throughout(times_s(distinct(np.concatenate(stamps_ns)), origin_ns), builder.recorded)
 
     def _moving(self, builder: TrialBuilder, origin_ns: int, frame: str, edge: _Edge) -> _Settled:
         """The samples of a moving transform, settled."""

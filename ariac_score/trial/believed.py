@@ -1,0 +1,221 @@
+"""Which samples of a signal can be believed: what contradicts itself is unknown, never fine.
+
+Samples that cannot be believed are left out, and the stretch between the believed ones around them becomes
+a hole of the signal, however short it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ariac_score.trial.model import Body, LogDefect
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import BoolArray, FloatArray, Span
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
+
+__all__ = [
+    "FASTEST_CLOSING_M_S",
+    "Replay",
+    "believed",
+    "holes_around",
+    "jumps",
+    "replays",
+    "without_contested",
+]
+
+FASTEST_CLOSING_M_S = 10.0
+"""The distance of a robot and a person changes no faster: twice the speed above which a step is a jump."""
+
+FASTEST_OF_ANY_M_S = 100.0
+"""The same of two bodies of any kind."""
+
+_ALLOWED_M = 0.5
+"""A smaller step may be noise of a camera, or another link that is now the nearest, m."""
+
+_SPEED_STEP_M_S, _GREATEST_ACCELERATION_M_S2 = 5.0, 100.0
+"""A speed that steps by more than the first, and faster than the second, is none of a robot or a person."""
+
+_KNOWN_KINDS = frozenset({"robot", "human"})
+
+REPLAYED_SAMPLES, REPLAYED_S = 50, 1.0
+"""So many samples over so long a time do not come back to the last bit, unless they were copied."""
+
+_LEAST_CHANGES = REPLAYED_SAMPLES // 2
+"""What mostly stands still says nothing by being as it was."""
+
+_ODD = 0x9E3779B97F4A7C15
+"""2^64 divided by the golden ratio, a usual multiplier of hashes: odd, so that it has an inverse."""
+
+_TABLE_BITS = 20
+
+
+def without_contested(
+    t: FloatArray, values: FloatArray, contested: Sequence[Span]
+) -> tuple[FloatArray, FloatArray, tuple[Span, ...]]:
+    """The samples outside stretches that are contested, ends included, and the holes that these leave."""
+    dropped = np.zeros(len(t), dtype=bool)
+    for span in contested:
+        dropped |= (t >= span.start_s) & (t <= span.end_s)
+    return t[~dropped], values[~dropped], holes_around(t, dropped)
+
+
+def holes_around(t: FloatArray, dropped: BoolArray) -> tuple[Span, ...]:
+    """The stretches between the samples that are kept around each run of dropped ones.
+
+    >>> holes_around(np.array([0.0, 1.0, 2.0, 3.0]), np.array([False, True, False, False]))
+    (Span(start_s=0.0, end_s=2.0),)
+    """
+    edges = np.diff(np.concatenate(([False], dropped, [False])).astype(np.int8))
+    firsts, behind = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return tuple(
+        Span(float(t[max(first - 1, 0)]), float(t[min(end, len(t) - 1)]))
+        for first, end in zip(firsts.tolist(), behind.tolist(), strict=True)
+    )
+
+
+def believed(signal: Signal, bodies: Sequence[Body]) -> tuple[Signal, list[LogDefect]]:
+    """A signal without its implausible jumps and replayed stretches, and what was wrong with it."""
+    defects: list[LogDefect] = []
+    jumped = jumps(signal, bodies)
+    if jumped.any():
+        at_s = float(signal.t[np.argmax(jumped)])
+        message = (
+            f"samples jump faster than anything moves, first at {at_s:.3f} s; they were left out, and "
+            "nothing is known there"
+        )
+        defects.append(LogDefect("implausible_jump", signal.name, int(jumped.sum()), message))
+    copies = replays(signal.t, signal.values)
+    copied = np.zeros(len(signal), dtype=bool)
+    for copy in copies:
+        copied[copy.first : copy.behind] = True
+    if copies:
+        one = copies[0]
+        message = (
+            f"samples from {signal.t[one.first]:.3f} s on repeat those from {signal.t[one.original]:.3f} s "
+            "on to the last bit, as if they were replayed; they were left out, and nothing is known there"
+        )
+        defects.append(LogDefect("replayed_stretch", signal.name, int(copied.sum()), message))
+    dropped = jumped | copied
+    if not dropped.any():
+        return signal, []
+    holes = tuple(sorted({*signal.holes, *holes_around(signal.t, dropped)}))
+    kept = replace(signal, t=signal.t[~dropped], values=signal.values[~dropped], holes=holes)
+    return kept, defects
+
+
+# Jumps -----------------------------------------------------------------------------------------
+
+
+def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
+    """Which samples of a scalar cannot be reached from the last one that is believed, shape (n,).
+
+    A distance of two bodies changes no faster than both can move, a speed not faster than something heavy is
+    stopped. Other quantities may step, as a force does.
+    """
+    none = np.zeros(len(signal), dtype=bool)
+    limits = _limits(signal, bodies)
+    if limits is None or signal.values.ndim != 1 or len(signal) < 2:
+        return none
+    rate, allowed = limits
+    allowed += rate * signal.stamp_jitter_s
+    steps = np.abs(np.diff(signal.values))
+    suspicious = np.flatnonzero(steps > rate * np.diff(signal.t) + allowed)
+    if not len(suspicious):
+        return none
+    t, values = signal.t.tolist(), signal.values.tolist()
+    last = int(suspicious[0])
+    for here in range(last + 1, len(t)):
+        if abs(values[here] - values[last]) > rate * (t[here] - t[last]) + allowed:
+            none[here] = True
+        else:
+            last = here
+    return none
+
+
+def _limits(signal: Signal, bodies: Sequence[Body]) -> tuple[float, float] | None:
+    quantity = QUANTITIES.get(quantity_of(signal.name))
+    kinds = {body.kind for body in bodies if body.id in subject_of(signal.name).split("/")}
+    if quantity is None:
+        return None
+    if quantity.of == "pair" and quantity.unit == "m":
+        return (FASTEST_CLOSING_M_S if kinds and kinds <= _KNOWN_KINDS else FASTEST_OF_ANY_M_S), _ALLOWED_M
+    if quantity_of(signal.name) in ("speed", "tcp_speed") and kinds and kinds <= _KNOWN_KINDS:
+        return _GREATEST_ACCELERATION_M_S2, _SPEED_STEP_M_S
+    return None
+
+
+# Replays ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Samples that were there before.
+
+    Attributes:
+        original: The place of the first of them when they came first.
+        first: Its place when it came again.
+        behind: The place behind the last one.
+    """
+
+    original: int
+    first: int
+    behind: int
+
+
+def replays(t: FloatArray, values: FloatArray) -> list[Replay]:
+    """The stretches of samples that repeat earlier ones to the last bit, in time order.
+
+    >>> walk = np.random.default_rng(1).random(100)
+    >>> replays(np.arange(300) / 100, np.concatenate((walk, walk + 1.0, walk)))
+    [Replay(original=0, first=200, behind=300)]
+    """
+    length = REPLAYED_SAMPLES
+    if len(t) < 2 * length:
+        return []
+    rows = np.ascontiguousarray(values + 0.0, dtype=np.float64).reshape(len(t), -1)
+    hashes = _of_windows(rows.view(np.uint64), length)
+    changes = np.concatenate(([0], np.cumsum((rows[1:] != rows[:-1]).any(axis=1))))
+    lively = changes[length - 1 :] - changes[: len(hashes)] >= _LEAST_CHANGES
+    # Of the windows only every so many-th is looked for: any copy that is long enough holds one of them.
+    anchors = np.flatnonzero(lively[:: length // 2]) * (length // 2)
+    table = np.zeros(1 << _TABLE_BITS, dtype=np.int64)
+    short = (hashes >> np.uint64(64 - _TABLE_BITS)).astype(np.int64)
+    table[short[anchors][::-1]] = anchors[::-1] + 1  # the first of those that are alike
+    known = table[short] - 1
+    places = np.arange(len(hashes))
+    copies = np.flatnonzero((known >= 0) & (places >= known + length) & lively)
+    found: list[Replay] = []
+    for here in copies[hashes[copies] == hashes[known[copies]]].tolist():
+        if not found or here >= found[-1].behind:
+            copy = _extended(rows, int(known[here]), here, found[-1].behind if found else 0)
+            if t[copy.behind - 1] - t[copy.first] >= REPLAYED_S - 1.0 / length:
+                found.append(copy)
+    return found
+
+
+def _extended(rows: FloatArray, original: int, here: int, least: int) -> Replay:
+    """A copy with all that is alike before and behind."""
+    first = original
+    while first > 0 and here > least and here - 1 > original and (rows[first - 1] == rows[here - 1]).all():
+        first, here = first - 1, here - 1
+    count = len(rows) - here
+    differs = (rows[first : first + count] != rows[here:]).any(axis=1)
+    same = int(np.argmax(differs)) if differs.any() else count
+    return Replay(first, here, here + same)
+
+
+def _of_windows(words: np.ndarray[tuple[int, ...], np.dtype[np.uint64]], length: int):  # type: ignore[no-untyped-def]
+    """A hash of each window of so many rows, from sums that begin anew at each by a division modulo 2^64."""
+    odd = np.uint64(_ODD)
+    with np.errstate(over="ignore"):
+        row = np.zeros(len(words), dtype=np.uint64)
+        for column in words.T:
+            row = (row ^ (column ^ (column >> np.uint64(29)))) * odd
+            row ^= row >> np.uint64(32)
+        powers = np.cumprod(np.full(len(row), odd, dtype=np.uint64))
+        inverse = np.cumprod(np.full(len(row), np.uint64(pow(_ODD, -1, 1 << 64)), dtype=np.uint64))
+        sums = np.concatenate((np.zeros(1, dtype=np.uint64), np.cumsum(row * powers)))
+        return (sums[length:] - sums[:-length]) * inverse[: len(sums) - length]

@@ -1,0 +1,219 @@
+"""What a recording itself shows to be missing or contested is unknown, however short the time between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ariac_score.checks.contracts import Wanted
+from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.testing.bags import Recorded, Storage, write_bag
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.spans import Span
+
+START_NS = 1_700_000_000 * 10**9
+STEP_NS = 10_000_000
+POINT, SCALAR, TF = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64", "tf2_msgs/msg/TFMessage"
+PLACE = Channel(
+    "/place", POINT, signals=(FieldMap("position/human", "m", ("point.x", "point.y", "point.z")),)
+)
+DISTANCE = Channel("/distance", SCALAR, signals=(FieldMap("centre_distance/robot/human", "m", ("data",)),))
+FRAMES = Channel("/tf", TF, poses="frames")
+BODIES = (Body("robot", "robot"), Body("human", "human"))
+
+
+def stamp(stamp_ns: int) -> dict[str, int]:
+    return {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+
+
+def places(count: int = 100, *, since_ns: int = 0, y: float = 0.0, publisher: str = "") -> Iterator[Recorded]:
+    """A human who walks at 0.5 m/s, seen at 100 Hz by a node that numbers what it sends."""
+    for i in range(count):
+        t_ns = START_NS + since_ns + i * STEP_NS
+        header = {"stamp": stamp(t_ns), "frame_id": "world", "seq": 41 + i}
+        point = {"x": 0.005 * i, "y": y, "z": 0.0}
+        yield Recorded("/place", POINT, t_ns, {"header": header, "point": point}, publisher, 41 + i)
+
+
+def for_ros2(message: Recorded) -> Recorded:
+    header = {key: value for key, value in message.fields["header"].items() if key != "seq"}
+    return replace(message, fields={**message.fields, "header": header})
+
+
+def distances(values: Sequence[float]) -> Iterator[Recorded]:
+    for i, value in enumerate(values):
+        yield Recorded("/distance", SCALAR, START_NS + i * STEP_NS, {"data": value})
+
+
+def moved(frame: str, parent: str, x: float, t_ns: int, publisher: str = "") -> Recorded:
+    transform = {"translation": {"x": x}, "rotation": {"w": 1.0}}
+    stamped = {"header": {"stamp": stamp(t_ns), "frame_id": parent}, "child_frame_id": frame}
+    return Recorded("/tf", TF, t_ns, {"transforms": [{**stamped, "transform": transform}]}, publisher)
+
+
+def read(path: Path, messages: Sequence[Recorded], *channels: Channel, storage: Storage = "ros1") -> Trial:
+    frames = (BodyMatch("person", "human", "human"), BodyMatch("cart", "robot", "robot"))
+    log_map = LogMap("t", channels, BODIES, frames=frames)
+    if storage != "ros1":
+        messages = [for_ros2(m) if "header" in m.fields else m for m in messages]
+    write_bag(path, sorted(messages, key=lambda m: m.t_ns), storage=storage)
+    quantities = frozenset({"position", "centre_distance"})
+    return RosbagReader().read(path, Wanted(log_map, quantities))
+
+
+def defects(trial: Trial) -> dict[str, int]:
+    return {defect.kind: defect.count for defect in trial.log_defects}
+
+
+@pytest.mark.parametrize(("storage", "name"), [("ros1", "t.bag"), ("mcap", "t.mcap")])
+def test_three_messages_cut_out_are_a_gap_although_40_ms_are_short(
+    tmp_path: Path, storage: Storage, name: str
+) -> None:
+    whole = list(places())
+    honest = read(tmp_path / f"whole_{name}", whole, PLACE, storage=storage)
+    cut = read(tmp_path / name, whole[:50] + whole[53:], PLACE, storage=storage)
+
+    (there, missing) = (trial.signals["position/human"] for trial in (honest, cut))
+    assert there.gaps(Span(0.0, 0.99), max_gap_s=0.05) == []
+    assert missing.gaps(Span(0.0, 0.99), max_gap_s=0.05) == [Span(0.49, 0.53)]
+    assert defects(honest) == {}
+    assert defects(cut) == {"missing_messages": 3}
+    assert "1 place(s), the first behind 0.490 s" in cut.log_defects[0].message
+
+
+def test_what_follows_from_a_signal_is_unknown_where_it_is(tmp_path: Path) -> None:
+    whole = list(places())
+    trial = read(tmp_path / "t.bag", whole[:50] + whole[53:], PLACE)
+
+    speed = derive_signals(trial, [Derivation("speed", 0.5)]).signals["speed/human"]
+
+    assert speed.holes == (Span(0.49, 0.53),)
+    # No difference runs across the hole: with 100 Hz and 0.5 m/s all of them are 0.5.
+    assert speed.values == pytest.approx(0.5)
+
+
+def test_half_of_all_messages_left_out_is_as_many_gaps(tmp_path: Path) -> None:
+    trial = read(tmp_path / "t.bag", [m for i, m in enumerate(places(80)) if i < 41 or i % 2], PLACE)
+
+    assert defects(trial) == {"missing_messages": 19}  # 42, 44, ... 78
+
+
+@pytest.mark.parametrize(
+    ("case", "numbers"),
+    [
+        ("not numbered", lambda _: 0),
+        ("a field of their own", lambda i: 7 * i),
+        ("begun anew by a restart", lambda i: i % 50),
+        ("beyond 2^32", lambda i: (2**32 - 50 + i) % 2**32),
+    ],
+)
+def test_numbers_that_leave_nothing_out_are_no_gap(tmp_path: Path, case: str, numbers: object) -> None:
+    assert callable(numbers)
+    messages = [
+        replace(m, fields={**m.fields, "header": {**m.fields["header"], "seq": numbers(i)}})
+        for i, m in enumerate(places())
+    ]
+
+    trial = read(tmp_path / "t.bag", messages, PLACE)
+
+    assert (trial.signals["position/human"].holes, defects(trial)) == ((), {}), case
+
+
+def test_a_recorder_that_counts_all_messages_says_nothing_of_a_topic(tmp_path: Path) -> None:
+    others = (Recorded("/other", SCALAR, START_NS + i * 33_000_000, {"data": 0.0}) for i in range(30))
+    messages = sorted([*places(), *others], key=lambda m: m.t_ns)
+    counted = [replace(m, sequence=i + 1) for i, m in enumerate(messages)]
+
+    trial = read(tmp_path / "t.mcap", counted, PLACE, Channel("/other", SCALAR), storage="mcap")
+
+    assert (trial.signals["position/human"].holes, defects(trial)) == ((), {})
+
+
+def test_two_publishers_of_one_topic_leave_the_time_unknown_in_which_both_send(tmp_path: Path) -> None:
+    # The other one says for 0.2 s, five metres away, that all is well.
+    other = places(20, since_ns=405_000_000, y=5.0, publisher="/ghost")
+
+    trial = read(tmp_path / "t.bag", [*places(publisher="/tracker"), *other], PLACE)
+    signal = trial.signals["position/human"]
+
+    assert signal.gaps(Span(0.0, 0.99), max_gap_s=0.3) == [Span(0.4, 0.6)]
+    assert (signal.values[:, 1] == 0.0).all()
+    assert defects(trial)["two_publishers"] == 20
+    (said,) = (d.message for d in trial.log_defects if d.kind == "two_publishers")
+    assert "/ghost (20) and /tracker (100), from 0.405 to 0.595 s" in said
+
+
+def test_a_publisher_that_is_started_again_is_no_second_one(tmp_path: Path) -> None:
+    again = places(50, since_ns=510_000_000, publisher="/tracker_2")
+
+    trial = read(tmp_path / "t.bag", [*places(50, publisher="/tracker_1"), *again], PLACE)
+
+    assert (len(trial.signals["position/human"]), defects(trial)) == (100, {})
+
+
+def test_two_publishers_of_one_transform_contradict_each_other(tmp_path: Path) -> None:
+    cart = [moved("cart", "world", 3.0, START_NS + i * STEP_NS, "/robot") for i in range(100)]
+    person = [moved("person", "world", 0.005 * i, START_NS + i * STEP_NS, "/tracker") for i in range(100)]
+    ghost = [
+        moved("person", "world", 9.0, START_NS + 5_000_000 + i * STEP_NS, "/ghost") for i in range(30, 40)
+    ]
+
+    trial = read(tmp_path / "t.bag", [*cart, *person, *ghost], FRAMES)
+
+    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.5) == [Span(0.3, 0.4)]
+    # Other transforms of the topic are the word of one.
+    assert trial.signals["position/robot"].gaps(Span(0.0, 0.99), max_gap_s=0.05) == []
+    assert [(d.kind, d.where) for d in trial.log_defects] == [("two_publishers", "frame person")]
+
+
+def test_a_slow_person_under_a_fast_frame_is_seen_as_rarely_as_it_is(tmp_path: Path) -> None:
+    """2 Hz under a constant frame of 100 Hz: what happens within 0.5 s nobody saw."""
+    fast = [moved("room", "world", 0.0, START_NS + i * STEP_NS) for i in range(400)]
+    slow = [moved("person", "room", 1.0, START_NS + i * 500_000_000) for i in range(8)]
+
+    trial = read(tmp_path / "t.bag", [*fast, *slow], FRAMES)
+
+    gaps = trial.signals["position/human"].gaps(Span(0.0, 3.5), max_gap_s=0.05)
+    assert gaps == [Span(0.5 * i, 0.5 * (i + 1)) for i in range(7)]
+
+
+@pytest.mark.parametrize(("glitch_m", "dropped"), [(52.0, 3), (2.4, 0)])
+def test_a_distance_that_jumps_50_m_in_10_ms_is_unknown_there(
+    tmp_path: Path, glitch_m: float, dropped: int
+) -> None:
+    values = [2.0] * 100
+    values[40:43] = [glitch_m] * 3
+
+    trial = read(tmp_path / "t.bag", list(distances(values)), DISTANCE)
+    signal = trial.signals["centre_distance/robot/human"]
+
+    assert len(signal) == 100 - dropped
+    assert signal.gaps(Span(0.0, 0.99), max_gap_s=0.2) == ([Span(0.39, 0.43)] if dropped else [])
+    assert defects(trial) == ({"implausible_jump": 3} if dropped else {})
+
+
+def test_a_stretch_that_comes_back_to_the_last_bit_is_unknown(tmp_path: Path) -> None:
+    walk = [2.0 + 0.003 * i + 0.001 * (i * i % 97) for i in range(400)]
+    # 1.5 s are played over what happened from 2.2 s on.
+    played = [*walk[:220], *walk[50:200], *walk[370:]]
+
+    honest = read(tmp_path / "honest.bag", list(distances(walk)), DISTANCE)
+    trial = read(tmp_path / "t.bag", list(distances(played)), DISTANCE)
+
+    assert defects(honest) == {}
+    assert trial.signals["centre_distance/robot/human"].holes == (Span(2.19, 3.70),)
+    assert defects(trial) == {"replayed_stretch": 150}
+    assert "from 2.200 s on repeat those from 0.500 s on" in trial.log_defects[0].message
+
+
+def test_what_stands_still_or_comes_back_for_a_moment_is_no_replay(tmp_path: Path) -> None:
+    still = [2.0] * 300
+    again = [2.0 + 0.001 * (i * i % 97) + 0.01 * (i // 90) for i in range(300)]
+
+    for number, values in enumerate((still, again)):
+        assert defects(read(tmp_path / f"{number}.bag", list(distances(values)), DISTANCE)) == {}
