@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.model import Trial
+from ariac_score.trial.model import Body, Trial
 from ariac_score_ariac.messages import NistGear2020
 
 S = 10**9
@@ -243,3 +244,90 @@ def test_a_decoder_gets_the_time_of_the_header(tmp_path: Path) -> None:
     RosbagReader().read(path, Wanted(log_map, frozenset(), {"points": Points()}))
 
     assert times == [0.0, 1e-9, 2e-9]
+
+
+SNAPSHOT = Channel(
+    "/snapshot", "std_msgs/msg/Float64", signals=(FieldMap("centre_distance/a/b", "m", ("data",)),)
+)
+BODIES_AB = (Body("a", "robot"), Body("b", "human"))
+
+
+def slow(rate: float, *others: Recorded) -> list[Recorded]:
+    """30 s of a simulation that runs `rate` times as fast as the wall clock, by which it is recorded."""
+    plain = [
+        Recorded("/snapshot", "std_msgs/msg/Float64", WALL_NS + round(i * S / 50 / rate), {"data": 1.0})
+        for i in range(1501)
+    ]
+    words = [state("go", WALL_NS), state("done", WALL_NS + round(30 * S / rate))]
+    return [*plain, *words, *others]
+
+
+def of_snapshots(path: Path, messages: Sequence[Recorded], storage: Storage, stamp: str = "") -> Trial:
+    decoders: dict[str, Decoder] = {"gear": NistGear2020()}
+    channels = (replace(SNAPSHOT, stamp=stamp), replace(STATES, stamp=stamp))
+    write_bag(path, sorted(messages, key=lambda m: m.t_ns), storage=storage)
+    wanted = Wanted(LogMap("t", channels, BODIES_AB), frozenset({"centre_distance"}), decoders)
+    return RosbagReader().read(path, wanted)
+
+
+def joints(stamp_ns: int, log_ns: int) -> Recorded:
+    return Recorded("/joint_states", "sensor_msgs/msg/JointState", log_ns, {"header": header(stamp_ns)})
+
+
+@stores
+def test_a_slow_simulation_recorded_by_the_wall_clock_is_timed_by_its_own(
+    tmp_path: Path, storage: Storage, name: str
+) -> None:
+    """Nothing that is read has a stamp: 30 s of the simulation took 35.3 s of the recorder's."""
+    ticks = [tick(i * S // 10, WALL_NS + round(i * S / 10 / 0.85)) for i in range(302)]
+
+    trial = of_snapshots(tmp_path / name, slow(0.85, *ticks), storage)
+
+    assert trial.clock == "simulated time"
+    assert (trial.started_s, trial.ended_s) == (pytest.approx(0.0), pytest.approx(30.0, abs=1e-6))
+    assert trial.signals["centre_distance/a/b"].t[-1] == pytest.approx(30.0, abs=1e-6)
+
+
+@stores
+@pytest.mark.parametrize("witness", ["/joint_states", "/tf"])
+def test_without_the_clock_other_topics_show_that_wall_time_is_not_that_of_the_nodes(
+    tmp_path: Path, storage: Storage, name: str, witness: str
+) -> None:
+    def seen(i: int) -> Recorded:
+        ends = 5 * S + i * S, WALL_NS + round(i * S / 0.85)
+        return joints(*ends) if witness == "/joint_states" else walking(*ends, x=0.0)
+
+    with pytest.raises(LogError, match=rf"on topic {witness} its headers say 5000000000 ns.*/snapshot") as e:
+        of_snapshots(tmp_path / name, slow(0.85, *map(seen, range(30))), storage)
+    assert "/clock" in e.value.hint
+
+
+@pytest.mark.parametrize(("rate", "refused"), [(0.97, False), (0.9, True), (1.1, True)])
+def test_headers_that_drift_away_from_the_recorder_are_of_another_clock(
+    tmp_path: Path, rate: float, refused: bool
+) -> None:
+    """The simulation began with the wall clock's time: nothing is 60 s apart, but 30 s are 33 s."""
+    messages = slow(
+        rate, *(joints(WALL_NS + i * S // 10, WALL_NS + round(i * S / 10 / rate)) for i in range(300))
+    )
+
+    if refused:
+        with pytest.raises(LogError, match=r"on topic /joint_states its headers and the recorder drift"):
+            of_snapshots(tmp_path / "t.mcap", messages, "mcap")
+    else:
+        assert of_snapshots(tmp_path / "t.mcap", messages, "mcap").ended_s == pytest.approx(30 / rate)
+
+
+def test_whoever_declares_the_clock_of_every_topic_is_believed(tmp_path: Path) -> None:
+    messages = slow(0.85, *(joints(5 * S + i * S, WALL_NS + round(i * S / 0.85)) for i in range(30)))
+
+    trial = of_snapshots(tmp_path / "t.mcap", messages, "mcap", stamp="log")
+
+    assert trial.ended_s == pytest.approx(30 / 0.85)
+
+
+def test_a_recorder_on_simulated_time_that_lags_at_times_is_on_that_clock(tmp_path: Path) -> None:
+    ticks = [tick(7 * S + i * S // 10, 7 * S + i * S // 10 + (i % 20 == 0) * 3 * S // 2) for i in range(40)]
+    messages = [*walk(7 * S, 7 * S), state("go", 8 * S), *ticks]
+
+    assert read(tmp_path / "t.mcap", messages).clock.startswith("log time")

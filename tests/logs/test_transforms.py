@@ -129,7 +129,7 @@ def test_a_chain_is_seen_whenever_its_slowest_transform_is() -> None:
 
 
 def test_the_slowest_transform_may_be_another_one_later() -> None:
-    # By hand: at 0.0 both; then the rail at 0.2, 0.4, the torso in between; from 0.4 on the torso at 0.6, 0.8.
+    # By hand: at 0.0 both; the rail at 0.2, 0.4, the torso in between; from 0.4 on the torso at 0.6, 0.8.
     rail, torso = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8), (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8)
     tree = tree_of(
         *((t_s, transform("world", "rail", (0, 0, 0))) for t_s in rail),

@@ -16,7 +16,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
 from ariac_score.trial.clock import LOG_TIME, SIMULATED_TIME, Clock
-from ariac_score.trial.spans import Span
+from ariac_score.trial.spans import FloatArray, Span
 
 __all__ = ["CLOCK_TOPIC", "CLOCK_TYPE", "LARGEST_CLOCK_DIFFERENCE_S", "Clocks", "TrialClock"]
 
@@ -27,6 +27,9 @@ LARGEST_CLOCK_DIFFERENCE_S = 60.0
 
 LARGEST_DELAY_S = 1.0
 """No message takes longer on one machine: where all messages of a topic do, some clock may not be set."""
+
+LARGEST_DRIFT_S = 1.0
+"""Stamps that drift away from times of recording by more than this are of a clock of another rate."""
 
 LARGEST_SILENCE_S = 1.0
 """Between clock messages with a longer pause than this the simulated time is unknown."""
@@ -81,6 +84,9 @@ class _Topic:
         far: The first stamp on another clock; `None` without any.
         last_far: The last such stamp.
         least_delay_s: The smallest difference between the recorder's clock and a stamp near it.
+        delays: The smallest one of some messages in a row, each with when one of them was recorded, ns.
+        first: Its first stamp on the recorder's clock.
+        declared: Whether the log map says that times of recording count.
     """
 
     near: int = 0
@@ -89,6 +95,20 @@ class _Topic:
     far: _Stamped | None = None
     last_far: _Stamped | None = None
     least_delay_s: float = np.inf
+    delays: list[tuple[int, float]] = field(default_factory=list)
+    first: _Stamped | None = None
+    declared: bool = False
+
+    @property
+    def drift_s(self) -> float:
+        """By how much the smallest delay grew from the first quarter of its messages to the last, s."""
+        delays = [delay_s for _, delay_s in sorted(self.delays)]
+        quarter = len(delays) // 4
+        return min(delays[-quarter:]) - min(delays[:quarter]) if quarter else 0.0
+
+    @property
+    def drifts(self) -> bool:
+        return abs(self.drift_s) > LARGEST_DRIFT_S
 
     @property
     def mixed(self) -> bool:
@@ -105,7 +125,9 @@ class Clocks:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._topics: dict[str, _Topic] = {}
+        self._witnesses: dict[str, _Topic] = {}
         self._ticks: list[tuple[IntArray, IntArray]] = []
+        self._ticks_near = self._ticks_far = 0
         self._simulated: _SimulatedTime | None = None
 
     def stamps_ns(self, topic: str, numbers: IntArray, header_ns: IntArray, log_ns: IntArray) -> IntArray:
@@ -117,7 +139,15 @@ class Clocks:
             header_ns: What their headers say, ns, shape (n,).
             log_ns: When they were recorded, ns, shape (n,).
         """
-        found = self._topics.setdefault(topic, _Topic())
+        return self._taken(self._topics.setdefault(topic, _Topic()), numbers, header_ns, log_ns)
+
+    def witness(self, topic: str, header_ns: IntArray, log_ns: IntArray) -> None:
+        """Take stamps of a topic of which nothing else is read: they show which clock its nodes were on."""
+        found = self._witnesses.setdefault(topic, _Topic())
+        self._taken(found, np.zeros(len(log_ns), dtype=np.int64), header_ns, log_ns)
+
+    @staticmethod
+    def _taken(found: _Topic, numbers: IntArray, header_ns: IntArray, log_ns: IntArray) -> IntArray:
         delay_s = (log_ns - header_ns) / 1e9
         # rclcpp and roscpp leave a header stamp at zero unless the sender sets it.
         unset = (header_ns == 0) & (log_ns > _UNSET_BEYOND_NS)
@@ -126,6 +156,10 @@ class Clocks:
         found.near += int(near.sum())
         if near.any():
             found.least_delay_s = min(found.least_delay_s, float(delay_s[near].min()))
+            found.delays.extend(_least_in_a_row(log_ns[near], delay_s[near]))
+            if found.first is None:
+                i = int(np.argmax(near))
+                found.first = _Stamped(int(numbers[i]), int(header_ns[i]), int(log_ns[i]))
         # Only the first and the last are kept; whether a clock explains them is known once `/clock` was read.
         far = np.flatnonzero(~unset & ~near)
         for i in far[[0, -1]].tolist() if len(far) else ():
@@ -148,14 +182,25 @@ class Clocks:
         one = (np.array([value], dtype=np.int64) for value in (number, header_ns, log_ns))
         return int(self.stamps_ns(topic, *one)[0])
 
-    def without_header(self, topic: str, count: int) -> None:
-        """Take note of messages of a topic that their sender did not stamp."""
-        self._topics.setdefault(topic, _Topic()).plain += count
+    def without_header(self, topic: str, count: int, *, declared: bool = False) -> None:
+        """Take note of messages of a topic whose time of recording counts.
+
+        Args:
+            topic: Its name.
+            count: How many.
+            declared: Whether somebody says that it does; otherwise their sender did not stamp them.
+        """
+        found = self._topics.setdefault(topic, _Topic())
+        found.plain += count
+        found.declared = declared
 
     def tick(self, log_ns: IntArray, simulated_ns: IntArray) -> None:
         """Take messages of `/clock`: when they were recorded, and the simulated times they give, ns."""
         # A recorder on simulated time stamps them with the time they give: a thousand a second, all needless.
-        differ = np.abs((log_ns - simulated_ns) / 1e9) > LARGEST_CLOCK_DIFFERENCE_S
+        differ = np.abs((log_ns - simulated_ns) / 1e9) > LARGEST_DELAY_S
+        far = int(differ.sum())
+        self._ticks_near += len(differ) - far
+        self._ticks_far += far
         if differ.any():
             self._ticks.append((log_ns[differ], simulated_ns[differ]))
 
@@ -171,10 +216,13 @@ class Clocks:
         if mixed:
             raise self._first_of(mixed)
         others = {name: t.far for name, t in self._topics.items() if t.far is not None}
-        if not others:
+        # A few that came late, to a recorder that was on simulated time itself, make no other clock.
+        ticking = bool(self._ticks) and (bool(others) or self._ticks_far > self._ticks_near)
+        if not ticking:
+            if others:
+                raise self._first_of(others)
+            self._refuse_other_rates()
             return
-        if not self._ticks:
-            raise self._first_of(others)
         simulated = _SimulatedTime.of_ticks(self._ticks, self._file)
         strange = {
             name: one
@@ -185,6 +233,31 @@ class Clocks:
         if strange:
             raise self._first_of(strange)
         self._simulated = simulated
+
+    def _refuse_other_rates(self) -> None:
+        """Refuse times of recording where the nodes were on another clock, which nothing relates to them."""
+        plain = sorted(
+            name
+            for name, topic in self._topics.items()
+            if topic.plain and not topic.declared and not name.endswith("tf_static")
+        )
+        if not plain:
+            return  # every message is where its sender says
+        for name, topic in sorted((self._topics | self._witnesses).items()):
+            if topic.far is None and not topic.drifts:
+                continue
+            if topic.far is not None:
+                shown = (
+                    f"its headers say {topic.far.stamp_ns} ns where the recorder says {topic.far.log_ns} ns"
+                )
+            else:
+                shown = f"its headers and the recorder drift {topic.drift_s:+.3f} s apart"
+            raise LogError(
+                f"times of recording are not those of the nodes: on topic {name} {shown}, and messages of "
+                f"{plain[0]} have no stamp of their own",
+                file=self._file,
+                hint=f"the simulation was slow, or the recorder fell behind: {_REMEDY}",
+            )
 
     def trial_clock(self, first_ns: int, last_ns: int) -> TrialClock:
         """The clock of a trial that was recorded from a first to a last log time.
@@ -213,10 +286,19 @@ class Clocks:
         if self._simulated is None or not len(stamps_ns):
             return stamps_ns
         known = self._topics.get(topic)
-        if known is not None and known.far is not None:
+        if known is not None and self._is_simulated(known):
             return stamps_ns  # header stamps, which are simulated time already
         self._simulated.refuse_unknown(topic, stamps_ns)
         return self.of_log(stamps_ns)
+
+    def _is_simulated(self, topic: _Topic) -> bool:
+        """Whether the stamps of a topic are on the clock of the simulation."""
+        if topic.far is not None or topic.first is None or self._simulated is None:
+            return topic.far is not None
+        # Near the recorder's clock: nearer to that of the simulation all the same, if that is near it, too.
+        one = topic.first
+        simulated_ns = int(self._simulated.at(np.array([one.log_ns], dtype=np.int64))[0])
+        return topic.drifts or abs(one.stamp_ns - simulated_ns) < abs(one.stamp_ns - one.log_ns)
 
     def of_log(self, log_ns: IntArray) -> IntArray:
         """Log times on the clock of the trial."""
@@ -250,6 +332,16 @@ class Clocks:
             file=self._file,
             hint=_REMEDY,
         )
+
+
+_ROWS = 64
+"""Of so many messages at most the one that was on its way for the shortest time is kept."""
+
+
+def _least_in_a_row(log_ns: IntArray, delay_s: FloatArray) -> list[tuple[int, float]]:
+    starts = np.arange(0, len(log_ns), min(_ROWS, max(1, len(log_ns) // 8)))
+    least = np.minimum.reduceat(delay_s, starts)
+    return list(zip(log_ns[starts].tolist(), least.tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

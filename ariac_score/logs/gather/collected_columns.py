@@ -187,7 +187,7 @@ class Decoded:
             log_ns, numbers = np.repeat(log_ns, counts), np.repeat(numbers, counts)
         paths = [f"transforms.{path}" if frames else path for path in _STAMP]
         if not by_header(channel) or not all(path in self.columns for path in paths):
-            clocks.without_header(clock_key(channel), len(log_ns))
+            clocks.without_header(clock_key(channel), len(log_ns), declared=channel.stamp == "log")
             return log_ns
         # 64 bits first: nanoseconds overflow the 32 bits of `sec` after two seconds.
         sec, nanosec = (self.columns[path].values.astype(np.int64) for path in paths)

@@ -20,6 +20,7 @@ from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message, normalised_type
+from ariac_score.logs.gather.clock_witnesses import WITNESSES, ClockWitnesses
 from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.gather.collected_columns import (
     Decoded,
@@ -83,7 +84,8 @@ class Collector:
         self._frames = {links: ModelFrames(tracks) for links in (True, False)} if tracks else {}
         channels = [self._stamped(channel) for channel in log_map.channels_for(wanted.quantities)]
         self._intakes = [_Intake(channel, wanted) for channel in channels]
-        self._ticks = _Ticks(self._clocks) if any(map(by_header, channels)) else None
+        self._ticks = _Ticks(self._clocks) if any(c.stamp != "log" for c in channels) else None
+        self._witnesses = ClockWitnesses()
         self._routes: dict[Connection, MessageRoute] = {}
         self._pending = Pending()
         self._numbering, self._frame_publishers = Numbering(), FramePublishers()
@@ -100,6 +102,8 @@ class Collector:
     def topics(self) -> frozenset[str]:
         """The topics it takes messages of, with and without leading slash."""
         names = {intake.channel.topic.lstrip("/") for intake in self._everyone()}
+        if self._ticks:
+            names |= {name.lstrip("/") for name in WITNESSES}
         return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
     def _everyone(self) -> list[_Intake]:
@@ -113,6 +117,8 @@ class Collector:
         if isinstance(item, Batch):
             self._take_many(item)
             return
+        if (seen := self._witnesses.of_message(item)) is not None:
+            self._clocks.witness(*seen)
         self._number += 1  # of all messages, so that order across topics can be restored
         if item.connection in self._routes:
             if item.sequence:
@@ -124,6 +130,8 @@ class Collector:
     def _take_many(self, batch: Batch) -> None:
         first = self._number + 1
         self._number += len(batch)
+        for seen in self._witnesses.of_batch(batch):
+            self._clocks.witness(*seen)
         if batch.sequences is not None and batch.sequences.any():
             self._take_sequences(batch, batch.sequences, first)
         for waiting in self._pending.take(batch, self._routes, first):
@@ -140,6 +148,8 @@ class Collector:
         intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
         if not intakes:
             self._others.add(f"/{connection.topic.lstrip('/')}")
+            if self._ticks:
+                self._witnesses.connect(connection)
             return
         alone = ""
         try:
@@ -277,7 +287,7 @@ class Collector:
     def _stamp_ns(self, item: Message, number: int, message: object, channel: Channel) -> int:
         """The stamp that counts: the message's own, or that of the recorder."""
         if not by_header(channel):
-            self._clocks.without_header(clock_key(channel), 1)
+            self._clocks.without_header(clock_key(channel), 1, declared=channel.stamp == "log")
             return item.stamp_ns
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         sec, nanosec = getattr(stamp, "sec", None), getattr(stamp, "nanosec", None)
