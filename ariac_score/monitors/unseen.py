@@ -14,7 +14,7 @@ from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples, MotionBoun
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["Cells", "Stream", "Unseen", "cells_of"]
@@ -68,6 +68,8 @@ class Stream:
             assumed: Whether every interval is open.
         """
         t = signal.t
+        if signal.constant:
+            return cls(signal, np.zeros(len(t) + 1, dtype=bool))
         edges = np.concatenate(([-np.inf], t, [np.inf]))
         start = np.maximum(edges[:-1], window.start_s)
         lasts = np.minimum(edges[1:], window.end_s) - start
@@ -77,7 +79,9 @@ class Stream:
         longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]
-        return cls(signal, (whole > longest + TOLERANCE_S) & (lasts > TOLERANCE_S))
+        missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
+        missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
+        return cls(signal, (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S))
 
     def spans(self, window: Span) -> list[Span]:
         """The open intervals, as far as they lie in a window."""
