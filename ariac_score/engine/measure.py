@@ -17,6 +17,7 @@ from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask_worlds, charts_of
 from ariac_score.engine.prepared import Prepared, Rules, prepare
 from ariac_score.errors import LogError
+from ariac_score.monitors.unseen import broken_bounds
 from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.scoring.levels import TRIAL
@@ -51,6 +52,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
     findings: dict[str, Finding] = {}
     opened: list[OpenFindings] = []
     trial = replace(trial, between=prepared.between)
+    _refuse_broken_bounds(trial, prepared)
     # A misspelt quantity is not one that the log happens to lack.
     prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.sampled})
     for name, each in prepared.checks.items():
@@ -82,6 +84,27 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
         open=tuple(opened),
+    )
+
+
+def _refuse_broken_bounds(trial: Trial, prepared: Prepared) -> None:
+    """Refuse a log in which a body is faster than the organiser says that it can be.
+
+    Raises:
+        LogError: Naming the body, the time and the bound.
+    """
+    broken = broken_bounds(trial, prepared.between)
+    if broken is None:
+        return
+    of = prepared.rule_set.file if broken.stated == "rule_set" else prepared.log_map.file
+    what = "max_speed_m_s" if broken.unit == "m/s" else "max_acceleration_m_s2"
+    raise LogError(
+        f"{broken.bodies!r} would need {broken.needed:.3g} {broken.unit} at {broken.t_s:.3f} s, and "
+        f"'bounds:' of {of} states at most {broken.bound:g} {broken.unit} ({what})",
+        file=trial.id,
+        place=broken.signal,
+        hint="correct 'bounds:'; where the recording is at fault, state its 'time_error_s' or "
+        "'distance_error_m' there, or find out what moved the body",
     )
 
 

@@ -22,7 +22,7 @@ from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
-from ariac_score.trial.bounds import BetweenSamples
+from ariac_score.trial.bounds import BetweenSamples, between_samples
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
 from ariac_score.trial.model import Trial
@@ -114,7 +114,9 @@ class Prepared:
     @property
     def between(self) -> BetweenSamples:
         """What is assumed of the time between samples."""
-        return BetweenSamples()
+        rules = self.rule_set
+        every = rules.between_samples == "bounded"
+        return between_samples(self.log_map.bounds, rules.bounds, every=every)
 
     @property
     def words(self) -> Words:

@@ -161,7 +161,7 @@ def score_trial(
         inputs = hashes()
     refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
-    measured = replace(measured, sketch=sketch, settings=settings_of(prepared))
+    measured = replace(measured, sketch=sketch, settings=settings_of(prepared, measured))
     with _naming(path, trial.id):
         return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, trial))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ariac_score.checks.contracts import Resolving
@@ -13,17 +13,23 @@ from ariac_score.checks.findings import canonical
 from ariac_score.checks.guarded import broken
 from ariac_score.checks.parameters import ParameterFacts
 from ariac_score.checks.registry import Plugin, parameters_of
-from ariac_score.engine.prepared import Prepared
+from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.installed.captured_output import fault_of, quiet
-from ariac_score.results.result import Setting, Settings
+from ariac_score.monitors.monitor import SubjectMonitor
+from ariac_score.results.result import Measured, Setting, Settings
+from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["plain_value", "settings_of"]
 
 _SOURCE = re.compile(r"^Source:\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
 
 
-def settings_of(prepared: Prepared) -> dict[str, Settings]:
+def settings_of(prepared: Prepared, measured: Measured | None = None) -> dict[str, Settings]:
     """Every parameter in force, by check.
+
+    Args:
+        prepared: The rule set, with its checks.
+        measured: What they found; then with the bounds of bodies, where these count.
 
     Raises:
         PluginError: A plugin failed to resolve its parameters.
@@ -33,11 +39,43 @@ def settings_of(prepared: Prepared) -> dict[str, Settings]:
         given = prepared.rule_set.checks[name].parameters
         found[name] = Settings(
             _source(each.check),
-            tuple(_settings(each.plugin, name, each.check, given)),
+            (*_settings(each.plugin, name, each.check, given), *_bounds(prepared, each, measured)),
             _mistake(each.plugin, name, each.check),
             _part_of(each.plugin, name, each.check),
         )
     return found
+
+
+def _bounds(prepared: Prepared, each: PreparedCheck, measured: Measured | None) -> Iterator[Setting]:
+    """How fast bodies can move, for a check of whom the log leaves something to be filled with it."""
+    worse = getattr(each.check, "worse", {}) if isinstance(each.check, SubjectMonitor) else {}
+    if measured is None or not worse or not _has_gaps(prepared, each, measured):
+        return
+    between, kinds = prepared.between, each.check.subjects.kinds
+    for kind in sorted(kinds & between.bounds.keys()):
+        bound = between.bounds[kind]
+        numbers = {"max_speed_m_s": bound.max_speed_m_s, "max_acceleration_m_s2": bound.max_acceleration_m_s2}
+        for name, number in numbers.items():
+            if math.isfinite(number):
+                unit = "m/s" if name == "max_speed_m_s" else "m/s2"
+                origin = bound.stated or "default"
+                yield Setting(f"bounds.{kind}.{name}", canonical(number), unit, origin, source=bound.source)
+    for name, unit in (("time_error_s", "s"), ("distance_error_m", "m")):
+        if number := getattr(between, name):
+            origin = "rule_set" if name in prepared.rule_set.bounds else "log_map"
+            yield Setting(f"bounds.{name}", canonical(number), unit, origin)
+    if between.every:
+        yield Setting("between_samples", "bounded", "", "rule_set")
+
+
+def _has_gaps(prepared: Prepared, each: PreparedCheck, measured: Measured) -> bool:
+    """Whether a check had something to fill."""
+    if prepared.between.every or any(one.check == each.name for one in measured.open):
+        return True
+    longest_s = {need.quantity: need.max_gap_s for need in each.needs if not need.optional}
+    return any(
+        one.largest_gap_s > longest_s.get(quantity_of(one.signal), math.inf) for one in measured.coverage
+    )
 
 
 def _part_of(plugin: Plugin, name: str, check: Any) -> str:

@@ -208,6 +208,7 @@ def _parsed(document: YamlDocument) -> LogMap:
         file=str(document.file),
         facts=data.get("facts", {}),
         rests_on=data.get(RESTS_ON, {}),
+        bounds=data.get("bounds", {}),
     )
     log_map.refuse_stray_braces()
     return log_map

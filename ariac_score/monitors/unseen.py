@@ -17,7 +17,7 @@ from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
-__all__ = ["Cells", "Stream", "Unseen", "cells_of"]
+__all__ = ["Broken", "Cells", "Stream", "Unseen", "broken_bounds", "cells_of"]
 
 TOLERANCE_S = 1e-9
 INSTANT_S = 1e-9
@@ -207,7 +207,7 @@ class Unseen:
         if not isinstance(signal, Computed):
             return [signal]
         found = []
-        for body in self._bodies(signal.name):
+        for body in self.bodies(signal.name):
             for point in _points(body, whole=quantity_of(signal.name) in SPEEDS):
                 for quantity in ("velocity", "position"):
                     one = self.trial.signals.get(f"{quantity}/{point}")
@@ -217,14 +217,15 @@ class Unseen:
                             break
         return found or [signal]
 
-    def _bodies(self, name: str) -> list[Body]:
+    def bodies(self, name: str) -> list[Body]:
+        """The bodies that a signal is about."""
         known = {body.id: body for body in self.trial.bodies}
         ids = [part.partition("::")[0] for part in subject_of(name).split("/")]
         return [known[one] for one in ids if one in known]
 
-    def _motion(self, name: str) -> list[MotionBound] | None:
+    def motion(self, name: str) -> list[MotionBound] | None:
         """The bounds of the bodies that a signal is about; `None` where one of them has none."""
-        bodies = self._bodies(name)
+        bodies = self.bodies(name)
         bounds = [self.assumed.of(body.kind) for body in bodies]
         known = [one for one in bounds if one is not None]
         return known if len(known) == len(subject_of(name).split("/")) else None
@@ -233,7 +234,7 @@ class Unseen:
 
     def rate_m_s(self, signal: Signal) -> float:
         """How fast the bodies of a signal can move together, m/s; infinite where nobody knows."""
-        motion = self._motion(signal.name)
+        motion = self.motion(signal.name)
         return math.inf if motion is None else sum(one.max_speed_m_s for one in motion)
 
     def bounds(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
@@ -241,7 +242,7 @@ class Unseen:
 
         Where it is measured both are its value at the beginning of the cell, which stands until the next.
         """
-        quantity, motion = quantity_of(signal.name), self._motion(signal.name)
+        quantity, motion = quantity_of(signal.name), self.motion(signal.name)
         if motion is None or not len(signal):
             return None
         sides = [_Sides.of(stream, cells, self.assumed.time_error_s) for stream in self.streams(signal)]
@@ -284,13 +285,13 @@ class Unseen:
         if len(broken):
             speeds = " and ".join(
                 f"{one.max_speed_m_s:g} m/s of {body.id!r}"
-                for body, one in zip(self._bodies(name), self._motion(name) or (), strict=False)
+                for body, one in zip(self.bodies(name), self.motion(name) or (), strict=False)
             )
             self.remarks[f"at {cells.t[broken[0]]:.3f} s faster than the default bound, {speeds}"] = None
 
     def _of_places(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         """From where the nearest points of two bodies can be; `None` where a place is not recorded."""
-        first, second = self._bodies(signal.name)
+        first, second = self.bodies(signal.name)
         components = 2 if quantity_of(signal.name) == "centre_distance_2d" else 3
         places = [self._places(body, cells, components) for body in (first, second)]
         if places[0] is None or places[1] is None:
@@ -382,3 +383,80 @@ def _points(body: Body, *, whole: bool = False) -> list[str]:
     """The tracks that stand for a body: its links, or its origin; for its speed both."""
     links = [f"{body.id}::{link}" for link in body.links]
     return [body.id, *links] if whole else links or [body.id]
+
+
+# Data that break what is stated ----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A bound that the log breaks.
+
+    Attributes:
+        bodies: Of whom, such as `ann` or `arm and ann`.
+        signal: Which shows it.
+        t_s: When, s of trial time.
+        needed: The speed or acceleration that the samples need.
+        bound: The most that there can be.
+        unit: Of both.
+        stated: `rule_set` or `log_map`.
+    """
+
+    bodies: str
+    signal: str
+    t_s: float
+    needed: float
+    bound: float
+    unit: str
+    stated: str
+
+
+def broken_bounds(trial: Trial, assumed: BetweenSamples) -> Broken | None:
+    """The first stated bound that the samples of a trial break during the competition; `None`: they keep all.
+
+    Args:
+        trial: With its recorded signals; those that follow from others are not asked.
+        assumed: With what an organiser states.
+    """
+    window = trial.window
+    if window is None:
+        return None
+    unseen = Unseen(trial, assumed, window, math.inf)
+    for name, signal in sorted(trial.signals.items()):
+        motion = [] if isinstance(signal, Computed) else unseen.motion(name) or []
+        if motion and all(one.stated for one in motion):
+            inside = (signal.t >= window.start_s) & (signal.t <= window.end_s)
+            found = _broken(signal, signal.t[inside], signal.values[inside], motion, assumed)
+            if found is not None:
+                bodies = " and ".join(body.id for body in unseen.bodies(name))
+                return Broken(bodies, name, *found, motion[0].stated)
+    return None
+
+
+def _broken(
+    signal: Signal, t: FloatArray, values: FloatArray, motion: Sequence[MotionBound], assumed: BetweenSamples
+) -> tuple[float, float, float, str] | None:
+    """When, the needed and the greatest speed or acceleration, and its unit."""
+    quantity, top = quantity_of(signal.name), sum(one.max_speed_m_s for one in motion)
+    steps_s = np.diff(t) + 2.0 * assumed.time_error_s
+    if quantity in (*SPEEDS, "velocity"):
+        column = np.sqrt(np.sum(values * values, axis=1)) if values.ndim > 1 else values
+        change = np.abs(np.diff(values, axis=0))
+        change = np.sqrt(np.sum(change * change, axis=1)) if change.ndim > 1 else change
+        return _first_above(t, column, top, "m/s") or _first_above(
+            t[1:], change / steps_s, motion[0].max_acceleration_m_s2, "m/s2"
+        )
+    if quantity == "position" or quantity in DISTANCES:
+        change = np.diff(values, axis=0)
+        way = np.sqrt(np.sum(change * change, axis=1)) if change.ndim > 1 else np.abs(change)
+        needed = np.maximum(way - 2.0 * assumed.distance_error_m, 0.0) / steps_s
+        return _first_above(t[1:], needed, top, "m/s")
+    return None
+
+
+def _first_above(
+    t: FloatArray, needed: FloatArray, bound: float, unit: str
+) -> tuple[float, float, float, str] | None:
+    # A millionth more: positions and stamps are rounded where they are recorded.
+    rows = np.flatnonzero(needed > bound * (1.0 + 1e-6) + 1e-6)
+    return (float(t[rows[0]]), float(needed[rows[0]]), bound, unit) if len(rows) else None

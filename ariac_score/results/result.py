@@ -105,7 +105,8 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
         name: Its name.
         value: Number, text, list or mapping; `None` where there is none.
         unit: SI unit; empty where the plugin declares none.
-        origin: `rule_set`, `default` of the plugin, or `derived` from other parameters, as by a profile.
+        origin: `rule_set`, `log_map`, `default` of the plugin (of a bound: ours), or `derived` from other
+            parameters, as by a profile.
         status: How sure the default is, where the plugin declares it.
         source: Where the default comes from, where the plugin declares it.
     """
@@ -113,7 +114,7 @@ class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=Tru
     name: str
     value: Any
     unit: str
-    origin: Annotated[str, Meta(pattern="^(rule_set|default|derived)$")]
+    origin: Annotated[str, Meta(pattern="^(rule_set|log_map|default|derived)$")]
     status: str = ""
     source: str = ""
 

@@ -200,7 +200,7 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
     merged["parameters"] = merged_parameters(base.get("parameters", {}), own.get("parameters", {}))
     for key in ("rules", "monitors"):
         merged[key] = _merged_checks(base.get(key, {}), own.get(key, {}))
-    for key in ("safety", "ranges"):
+    for key in ("safety", "ranges", "bounds"):
         if key in base or key in own:
             merged[key] = {**base.get(key, {}), **own.get(key, {})}
     if not merged.get("include"):

@@ -166,6 +166,8 @@ class RuleSet:
         parameters: The numbers that it gives a name, with unit and meaning, in the order of the file.
         tables: What is worth points by verdicts of checks, as tables.
         given: The checks that were given in Python, by name.
+        bounds: How fast bodies can move, as in the file.
+        between_samples: `held`: a sample stands until the next one; `bounded`: every interval is bounded.
     """
 
     id: str
@@ -188,6 +190,8 @@ class RuleSet:
     parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
     tables: tuple[Table, ...] = ()
     given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
+    bounds: Mapping[str, Any] = field(default_factory=dict)
+    between_samples: str = "held"
 
     @cached_property
     def text(self) -> str:
@@ -584,6 +588,8 @@ def _parsed(written: YamlDocument) -> RuleSet:
         breaks=data.get("breaks", {}),
         parameters=parameters,
         printed=printed,
+        bounds=data.get("bounds", {}),
+        between_samples=data.get("between_samples", "held"),
     )
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ariac_score.trial.frozen import FrozenMap
 
-__all__ = ["DEFAULT_BOUNDS", "USUAL_INTERVALS", "BetweenSamples", "MotionBound"]
+__all__ = ["DEFAULT_BOUNDS", "ERRORS", "USUAL_INTERVALS", "BetweenSamples", "MotionBound", "between_samples"]
+
+ERRORS = ("time_error_s", "distance_error_m")
+"""What `bounds:` states besides kinds of bodies."""
 
 USUAL_INTERVALS = 1.5
 """An interval longer than this times the usual one of its stream hides samples that were lost."""
@@ -22,13 +26,13 @@ class MotionBound:
         max_speed_m_s: No point of it is ever faster, m/s.
         max_acceleration_m_s2: Nor does its velocity change faster, m/s2; infinite: nobody says.
         source: Who says so.
-        stated: Whether an organiser does; otherwise it is a default.
+        stated: `rule_set` or `log_map`, where an organiser states it; empty: it is a default.
     """
 
     max_speed_m_s: float
     max_acceleration_m_s2: float = math.inf
     source: str = ""
-    stated: bool = False
+    stated: str = ""
 
 
 DEFAULT_BOUNDS: Mapping[str, MotionBound] = FrozenMap(
@@ -64,3 +68,29 @@ class BetweenSamples:
     def of(self, kind: str) -> MotionBound | None:
         """The bound of a kind of body; `None` where nobody knows one."""
         return self.bounds.get(kind)
+
+
+def between_samples(
+    log_map: Mapping[str, Any], rule_set: Mapping[str, Any], *, every: bool = False
+) -> BetweenSamples:
+    """What is assumed, by what a log map and a rule set state in `bounds:`, of which the latter counts.
+
+    Args:
+        log_map: Its `bounds:`, as written.
+        rule_set: Likewise.
+        every: Whether the rule set bounds every interval.
+
+    >>> stated = {"human": {"max_speed_m_s": 1.6, "source": "walks"}, "time_error_s": 0.002}
+    >>> found = between_samples({}, stated)
+    >>> found.bounds["human"].max_speed_m_s, found.bounds["robot"].stated, found.time_error_s
+    (1.6, '', 0.002)
+    """
+    bounds, errors = dict(DEFAULT_BOUNDS), {}
+    for who, stated in (("log_map", log_map), ("rule_set", rule_set)):
+        for kind, body in stated.items():
+            if kind in ERRORS:
+                errors[kind] = float(body)
+                continue
+            fastest = body.get("max_acceleration_m_s2", math.inf)
+            bounds[kind] = MotionBound(float(body["max_speed_m_s"]), float(fastest), body["source"], who)
+    return BetweenSamples(FrozenMap(bounds), every, **errors)

@@ -172,6 +172,7 @@ class LogMap:
         file: The file it came from, for error messages.
         facts: Of every trial that it reads; `None`: known to be absent.
         rests_on: Installed files of other distributions that it extends: names by the last word of the group.
+        bounds: How fast bodies can move, as written.
     """
 
     id: str
@@ -188,6 +189,7 @@ class LogMap:
     file: str = field(default="", compare=False)
     facts: Mapping[str, Fact] = field(default_factory=dict)
     rests_on: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    bounds: Mapping[str, Any] = field(default_factory=dict)
 
     def filled(self, facts: Mapping[str, Fact]) -> LogMap:
         """The map with `{name}` in names of frames, models, topics and fields filled from facts of a trial.
