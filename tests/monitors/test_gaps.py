@@ -1,0 +1,178 @@
+"""What can have been between two samples: worked cases, and paths that nothing may lead outside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ariac_score.monitors.gaps import (
+    acceleration_band,
+    between,
+    distance_to_lens,
+    excursion,
+    highest_speed,
+    most_episodes,
+    places_apart,
+    rest_excursion,
+    violation,
+)
+
+# Worked by hand: both samples, the gap, the closing speed and the limit; then what is least and most of
+# time, depth and integral. G1 to G9 of the collection, whose numbers random paths never left.
+DISTANCES: Mapping[str, tuple[tuple[float, float, float, float, float], dict[str, tuple[float, float]]]] = {
+    "G1": ((2, 2, 1, 1.6, 1), {"time_s": (0, 0), "depth_m": (0, 0), "integral_m_s": (0, 0)}),
+    "G2": ((3, 2, 2, 2, 1), {"time_s": (0, 0.5), "depth_m": (0, 0.5), "integral_m_s": (0, 0.125)}),
+    "G3": ((1, 1, 2, 1.5, 1), {"time_s": (0, 2), "depth_m": (0, 1), "integral_m_s": (0, 4 / 3)}),
+    "G5": ((4, 1, 1, 3, 2), {"time_s": (1 / 3,) * 2, "depth_m": (1, 1), "integral_m_s": (1 / 6,) * 2}),
+    "G6": ((2, 2, 3, 1, 1), {"time_s": (0, 1), "depth_m": (0, 0.5), "integral_m_s": (0, 0.25)}),
+    "G7": ((0.5, 0.5, 3, 1, 1), {"time_s": (1, 3), "depth_m": (0.5, 1), "integral_m_s": (0.25, 2.75)}),
+    "G8": ((0.4, 2, 3, 1, 1), {"time_s": (0.6, 2), "depth_m": (0.6, 1), "integral_m_s": (0.18, 1.42)}),
+    "G9": ((1.2, 1.2, 0.3, 1, 1), {"time_s": (0, 0), "depth_m": (0, 0), "integral_m_s": (0, 0)}),
+}
+
+
+def test_a_distance_with_a_speed_bound_has_the_worked_time_and_depth(
+    subtests: pytest.Subtests,
+) -> None:
+    for case, (given, expected) in DISTANCES.items():
+        with subtests.test(case):
+            found = violation(*given)
+            ends = {name: (one.least, one.most) for name, one in found.items()}
+            assert ends == {name: pytest.approx(both, abs=1e-12) for name, both in expected.items()}
+
+
+def test_least_and_most_distance_of_the_worked_cases(subtests: pytest.Subtests) -> None:
+    for case, before, after, gap_s, rate, least, most in (
+        ("G1", 2, 2, 1, 1.6, 1.2, 2.8),
+        ("G2", 3, 2, 2, 2, 0.5, 4.5),
+        ("G3", 1, 1, 2, 1.5, 0.0, 2.5),
+        ("G9", 1.2, 1.2, 0.3, 1, 1.05, 1.35),
+    ):
+        with subtests.test(case):
+            since = np.linspace(0.0, gap_s, 100_001)
+            low, high = between(before, after, since, gap_s - since, rate)
+            assert (low.min(), high.max()) == (pytest.approx(least, abs=1e-4), pytest.approx(most, abs=1e-4))
+    with subtests.test("G18, nearest of two humans"):
+        ends = [
+            between(*pair, np.linspace(0, 1, 1001), np.linspace(1, 0, 1001), 1.6)
+            for pair in ((3, 3), (2, 2.5))
+        ]
+        nearest = [np.min([both[end] for both in ends], axis=0) for end in (0, 1)]
+        assert (nearest[0].min(), nearest[1].max()) == (
+            pytest.approx(1.45, abs=1e-3),
+            pytest.approx(3.05, abs=2e-3),
+        )
+
+
+def test_samples_that_no_body_so_slow_could_have_made_are_refused() -> None:
+    """G4: 4 m in a second, where 3 m/s are the most."""
+    with pytest.raises(ValueError, match="need 4 m/s, and 3 m/s is the bound"):
+        violation(5.0, 1.0, 1.0, 3.0, 1.0)
+
+
+def test_acceleration_and_speeds_have_the_worked_bounds(subtests: pytest.Subtests) -> None:
+    with subtests.test("G10, the required distance grows with the speeds"):
+        d_min = (1.6 * 0.4 + 1.0 * 0.1 + 0.3, 0.3)
+        for gap_s, margins in ((0.5, (0.31, 2.35)), (1.0, (-0.34, 3.0))):
+            low, high = between(2.0, 2.0, gap_s / 2, gap_s / 2, 2.6)
+            assert (float(low) - d_min[0], float(high) - d_min[1]) == pytest.approx(margins)
+        assert (2 + 2 - 2 * d_min[0]) / 2.6 == pytest.approx(0.738462, abs=1e-6)
+    with subtests.test("G11"):
+        since = np.linspace(0.0, 0.4, 4001)
+        fastest = highest_speed(0.2, 0.3, since, 0.4 - since, speed=1.0, acceleration=2.0)
+        assert fastest.max() == pytest.approx(0.65)
+    with subtests.test("G12"):
+        low, high = acceleration_band(2.0, 2.0, np.linspace(0, 1, 101), 1.0, 2.0)
+        assert (low.min(), high.max()) == (1.75, 2.25)
+    with subtests.test("G13"):
+        assert 2.0 - rest_excursion(1.0, math.inf, 2.0) == 1.875
+    with subtests.test("G14"):
+        assert 2.0 - rest_excursion(2.0, 0.5, 4.0) == 1.5625
+    with subtests.test("G15"):
+        assert 2.0 - excursion(2.0, 0.5, 1.0) == 1.625
+
+
+def test_a_place_bounds_a_distance_at_least_as_well_as_the_distance_alone(subtests: pytest.Subtests) -> None:
+    def apart(before: Any, after: Any, robot: Any, way_m: float) -> float:
+        since = np.linspace(0.0, way_m, 2001)
+        rows = np.ones((len(since), 1))
+        fixed = (rows * robot, rows * robot, np.zeros(len(since)), np.zeros(len(since)))
+        low, _ = places_apart((rows * before, rows * after, since, way_m - since), fixed)
+        return float(low.min())
+
+    with subtests.test("G16: 1.105551 by the distance alone"):
+        assert apart([[0.0, 0.0]], [[4.0, 0.0]], [[2.0, 3.0]], 5.0) == pytest.approx(1.5, abs=1e-6)
+    with subtests.test("G17: no freedom, so the place itself"):
+        assert apart([[0.0, 0.0]], [[2.0, 0.0]], [[1.0, 1.0]], 2.0) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_how_many_violations_a_gap_can_hold_needs_hysteresis_or_a_pause(subtests: pytest.Subtests) -> None:
+    """G20: between two samples 0.1 m beyond a limit of 1 m, in 2 s at 1 m/s."""
+    gap = (1.1, 1.1, 2.0, 1.0, 1.0)
+    for words, given, expected in (
+        ("hysteresis", {"hysteresis_m": 0.2}, 5.0),
+        ("a pause of a second", {"hysteresis_m": 0.2, "t_off_s": 1.0}, 2.0),
+        ("neither", {}, math.inf),
+    ):
+        with subtests.test(words):
+            assert most_episodes(*gap, **given) == expected
+    with subtests.test("out of reach"):
+        assert most_episodes(3.0, 3.0, 2.0, 1.0, 1.0, t_off_s=1.0) == 0.0
+
+
+def test_no_walk_through_the_samples_is_anywhere_but_where_the_bounds_say() -> None:
+    """Random walks of two bodies at their greatest speeds at most, seen at both ends of a gap alone."""
+    random = np.random.default_rng(20)
+    human_m_s, robot_m_s, step_s = 1.6, 1.0, 0.01
+    for _ in range(200):
+        steps = int(random.integers(2, 60))
+        tracks = []
+        for fastest in (human_m_s, robot_m_s):
+            way = random.normal(size=(steps, 2))
+            way *= (fastest * step_s * random.random((steps, 1)) ** 0.2) / np.linalg.norm(way, axis=1)[
+                :, None
+            ]
+            tracks.append(
+                random.normal(scale=1.0, size=2) + np.concatenate([np.zeros((1, 2)), way.cumsum(0)])
+            )
+        human, robot = tracks
+        distance = np.linalg.norm(human - robot, axis=1)
+        since = np.arange(steps + 1) * step_s
+        until = since[::-1]
+        low, high = between(distance[0], distance[-1], since, until, human_m_s + robot_m_s)
+        ends = [
+            (np.tile(one[0], (steps + 1, 1)), np.tile(one[-1], (steps + 1, 1)), top * since, top * until)
+            for one, top in ((human, human_m_s), (robot, robot_m_s))
+        ]
+        near, far = places_apart(*ends)
+
+        assert (low - 1e-9 <= distance).all()
+        assert (distance <= high + 1e-9).all()
+        assert (near - 1e-9 <= distance).all()
+        assert (distance <= far + 1e-9).all()
+        assert (low - 1e-9 <= near).all()
+        assert (far <= high + (human_m_s + robot_m_s) * since[-1]).all()
+
+
+def test_the_distance_to_a_lens_is_that_of_the_nearest_of_its_points() -> None:
+    """Against points drawn in it: none is nearer, and one is nearly as near."""
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        first, second, point = random.normal(size=2), random.normal(size=2), random.normal(scale=3, size=2)
+        apart = float(np.linalg.norm(first - second))
+        radii = apart * (0.55 + random.random(2))
+        drawn = first + (2 * random.random((40_000, 2)) - 1) * radii[0]
+        inside = (np.linalg.norm(drawn - first, axis=1) <= radii[0]) & (
+            np.linalg.norm(drawn - second, axis=1) <= radii[1]
+        )
+        nearest = np.linalg.norm(drawn[inside] - point, axis=1).min()
+        given = (point, first, radii[:1], second, radii[1:])
+
+        found = float(distance_to_lens(*(np.atleast_2d(v) if v.size == 2 else v for v in given))[0])
+
+        assert found <= nearest + 1e-12
+        assert found == pytest.approx(nearest, abs=0.1)
