@@ -29,6 +29,7 @@ __all__ = [
     "lowest_speed",
     "most_episodes",
     "places_apart",
+    "reach",
     "rest_excursion",
     "violation",
 ]
@@ -45,6 +46,13 @@ class Ends:
 
     least: float
     most: float
+
+
+def reach(rate: float, lasts_s: FloatArray | float) -> FloatArray:
+    """How much something changes in some time at most; in endless time anything, even at a rate of 0."""
+    lasts = np.asarray(lasts_s, dtype=np.float64)
+    endless = np.isinf(lasts)
+    return np.where(endless, np.inf, rate * np.where(endless, 0.0, lasts))
 
 
 # One distance, speed bound ---------------------------------------------------------------------
@@ -72,7 +80,7 @@ def between(
     >>> [float(end) for end in between(2.0, 2.0, 0.5, 0.5, 1.6)]
     [1.2, 2.8]
     """
-    grown_since, grown_until = rate * np.asarray(since_s), rate * np.asarray(until_s)
+    grown_since, grown_until = reach(rate, since_s), reach(rate, until_s)
     # `fmax` and `fmin` leave out the side that has no sample.
     least = np.fmax(np.fmax(before - grown_since, after - grown_until), at_least)
     most = np.fmin(before + grown_since, after + grown_until)
@@ -285,15 +293,28 @@ class _Place:
 
     @property
     def balls(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Centre and radius of each."""
-        return (self.before, self.since_m), (self.after, self.until_m)
+        """Centre and radius of each, and of the ball around where both overlap, as far as it is smaller."""
+        return (self.before, self.since_m), (self.after, self.until_m), self._overlap
+
+    @property
+    def _overlap(self) -> tuple[FloatArray, FloatArray]:
+        along = self.after - self.before
+        apart = _length(along)
+        both = np.isfinite(self.since_m) & np.isfinite(self.until_m) & (apart > 0)
+        since, until, apart = (np.where(both, one, 1.0) for one in (self.since_m, self.until_m, apart))
+        middle = (apart * apart + since * since - until * until) / (2.0 * apart)
+        # Its rim is the widest part of the overlap only where it lies between the two centres.
+        widest = both & (middle >= 0) & (middle <= apart)
+        rim = np.sqrt(np.maximum(since * since - middle * middle, 0.0))
+        centre = self.before + along * np.where(widest, middle / apart, 0.0)[..., None]
+        return centre, np.where(widest, rim, np.inf)
 
     def distance_from(self, point: FloatArray) -> FloatArray:
         """The least distance of a point from anywhere it can be."""
         both = np.isfinite(self.since_m) & np.isfinite(self.until_m)
         since, until = (np.where(both, one, 0.0) for one in (self.since_m, self.until_m))
         of_lens = distance_to_lens(point, self.before, since, self.after, until)
-        of_balls = [np.maximum(_length(point - centre) - radius, 0.0) for centre, radius in self.balls]
+        of_balls = [np.maximum(_length(point - centre) - radius, 0.0) for centre, radius in self.balls[:2]]
         return np.where(both, of_lens, np.maximum(*of_balls))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.monitors.gaps import between, highest_speed, lowest_speed, places_apart
+from ariac_score.monitors.gaps import between, highest_speed, lowest_speed, places_apart, reach
 from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples, MotionBound
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
@@ -318,10 +318,7 @@ class Unseen:
             values = position.values[:, :components]
             before, after = sides.values(values)
             held = position.at(cells.t)[:, :components]
-            since_m, until_m = (
-                np.where(np.isinf(one), np.inf, motion.max_speed_m_s * one)
-                for one in (sides.since_s, sides.until_s)
-            )
+            since_m, until_m = (reach(motion.max_speed_m_s, one) for one in (sides.since_s, sides.until_s))
             known = ~sides.open
             before = np.where((known | np.isinf(since_m))[:, None], held, before)
             after = np.where((known | np.isinf(until_m))[:, None], held, after)
