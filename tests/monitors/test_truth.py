@@ -1,0 +1,36 @@
+"""The interval of a recording contains the true score of a simulated trial, whatever recorder made it."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+FILE = Path(__file__).parents[2] / "benchmarks/truth.py"
+
+
+@pytest.fixture(scope="module")
+def truth() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("truth_of_simulated_trials", FILE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look their module up by name
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_the_true_score_lies_in_the_interval_of_every_recording_and_leaving_out_does_not_pay(
+    truth: ModuleType, subtests: pytest.Subtests
+) -> None:
+    """At every rate, with every model of a recorder: seeds 0 to 29 are all of their combinations."""
+    for seed in range(30):
+        found = truth.tried(seed, seconds=4.0)
+        with subtests.test(f"{found.rate_hz:g} Hz, {found.model}"):
+            assert found.least <= found.true + 1e-6
+            assert found.true <= found.most + 1e-6
+            assert found.robbed <= found.true + 1e-6
