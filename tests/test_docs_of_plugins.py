@@ -26,7 +26,7 @@ from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs/what-a-plugin-may-bring.md").read_text(encoding="utf-8")
-FILES = ("rules/ruleset.yaml", "rules/half.yaml", "maps/course.yaml", "half.yaml")
+FILES = ("rules/ruleset.yaml", "rules/half.yaml", "maps/course.yaml", "maps/recording.yaml", "half.yaml")
 
 
 def blocks(language: str) -> list[str]:

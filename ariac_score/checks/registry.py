@@ -51,6 +51,7 @@ FILE_GROUPS: Mapping[str, str] = {
     "ariac_score.rule_sets": "ruleset",
     "ariac_score.log_maps": "log_map",
     "ariac_score.penalties": "penalty",
+    "ariac_score.recordings": "recording",
 }
 """Entry-point groups of YAML files, and the stem of the file that has the name of its folder alone."""
 

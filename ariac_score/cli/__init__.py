@@ -42,6 +42,7 @@ EXIT_INTERNAL = 3
 
 _GROUPS = {
     "for teams: from a recording to its page": {
+        "record": "print, or run, the commands that record a trial so that it can be scored",
         "check": "check whether a log can be scored, and what is missing",
         "score": "score a trial",
         "report": "make a page of a result, or the site of a competition",

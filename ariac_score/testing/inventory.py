@@ -17,6 +17,7 @@ from ariac_score.engine.signal_needs import DERIVED, deriver_of
 from ariac_score.errors import PluginConflictError, PluginError, PluginNotFoundError, ScoreError, did_you_mean
 from ariac_score.installed.points import unreadable_hint
 from ariac_score.logs.logmap import load_log_map
+from ariac_score.logs.recording import load_recording
 from ariac_score.scoring.penalties import load_penalty
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing.pages import plugin_page, summary
@@ -137,10 +138,17 @@ def _penalty(file: DataFile, _registry: Registry) -> tuple[str, str]:
     return penalty.id, penalty.title
 
 
+def _recording(file: DataFile, registry: Registry) -> tuple[str, str]:
+    load_recording(None, [file.name], registry=registry)
+    data = load_yaml(file.path).data
+    return str(data["id"]), str(data["title"])
+
+
 _LOADERS: Mapping[str, Callable[[DataFile, Registry], tuple[str, str]]] = {
     "ariac_score.rule_sets": _rule_set,
     "ariac_score.log_maps": _log_map,
     "ariac_score.penalties": _penalty,
+    "ariac_score.recordings": _recording,
 }
 """Loads a file of each group as scoring does, and gives its id and title."""
 

@@ -1,0 +1,228 @@
+"""`ariac-score record --rules NAME`: the commands that record a trial so that it can be scored."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.documents.yaml import load_yaml
+from ariac_score.errors import LogMapError, UsageError
+from ariac_score.logs.logmap import is_log_map_file, load_log_map
+from ariac_score.logs.recording import OWN_TOPICS, Recording, load_recording
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+
+_RELEASES = ("1", "galactic", "humble", "iron", "jazzy")
+_CLOSING_S = 20.0
+"""How long a bag may take to be closed; after that it is ended, and its file stays as it is."""
+_LATE_S = 60.0
+"""How long the recorder may take to close its manifest after it was told to."""
+
+
+def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "record",
+        description="Print the exact commands that record a trial so that it can be scored: which topics, "
+        "which clock, which must be left out and why. With -o, also write the plan that our recorder "
+        "follows; with --run, run both until the trial ends.",
+    )
+    parser.add_argument(
+        "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
+    )
+    parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="NAME", help="name of the recording, without ending"
+    )
+    parser.add_argument(
+        "--mode", default="", help="how the simulator runs, such as competition or development"
+    )
+    parser.add_argument("--ros", default="", choices=("", *_RELEASES), help="ROS 1, or a release of ROS 2")
+    parser.add_argument("--trial", default="", metavar="NAME", help="name of the trial, for the manifest")
+    parser.add_argument("--team", default="", metavar="NAME", help="name of the team, for the manifest")
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="secret key that the manifest is signed with"
+    )
+    parser.add_argument(
+        "--forward", action="store_true", help="let the recorder pass on the team's calls of services"
+    )
+    parser.add_argument(
+        "--run", dest="runs", action="store_true", help="run the commands until the trial ends"
+    )
+    add_local_plugins(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the commands, or run them; 0 if both ended as they should."""
+    registry = registry_of(arguments)
+    rule_set = load_rule_set(arguments.rules, registry=registry)
+    name = arguments.log_map or rule_set.log_map
+    log_map = load_log_map(name, registry=registry) if name else None
+    recording = load_recording(
+        log_map,
+        _names(rule_set, name, log_map.id if log_map else ""),
+        mode=arguments.mode,
+        ros=arguments.ros,
+        registry=registry,
+    )
+    output = arguments.output or Path("trial")
+    bag, recorder = bag_command(recording, output), recorder_command(recording, output, arguments.key)
+    if arguments.output or arguments.runs:
+        _write_plan(recording, output, arguments)
+    if arguments.runs:
+        return _run(bag, recorder)
+    for line in _lines(recording, bag, recorder, is_planned=arguments.output is not None):
+        print(line)
+    return 0
+
+
+def _names(rule_set: RuleSet, name: str, log_map: str) -> list[str]:
+    """What the competition's own data may be called."""
+    names = [rule_set.id.partition(".")[0], log_map]
+    if name and is_log_map_file(name):
+        with suppress(LogMapError):  # relative to its rule set, perhaps
+            names.append(str(load_yaml(Path(name), error=LogMapError).data.get("extends", "")))
+    return names
+
+
+def bag_command(recording: Recording, output: Path) -> list[str]:
+    """The command of `rosbag` or `ros2 bag`.
+
+    Args:
+        recording: What to record.
+        output: Path of the recording, without ending.
+    """
+    topics = sorted({*recording.topics, *OWN_TOPICS})
+    if recording.ros == "1":
+        return ["rosbag", "record", "-O", f"{output}.bag", "--lz4", "--tcpnodelay", "-b", "1024", *topics]
+    command = ["ros2", "bag", "record", "-o", str(output)]
+    if recording.ros != "galactic":  # it knows neither MCAP nor simulated time
+        command += ["-s", "mcap"]
+    if recording.ros in ("iron", "jazzy"):
+        command += ["--storage-preset-profile", "zstd_fast"]
+    if recording.simulated and recording.ros != "galactic":
+        command.append("--use-sim-time")
+    events = [f"{service}/_service_event" for service in recording.services]
+    if recording.hidden or (events and recording.ros == "iron"):
+        command.append("--include-hidden-topics")
+    command += ["--qos-profile-overrides-path", f"{output}.qos.yaml"]
+    if recording.ros == "jazzy":
+        command += ["--topics", *topics]
+        return [*command, "--services", *recording.services] if recording.services else command
+    return [*command, *topics, *(events if recording.ros == "iron" else [])]
+
+
+def recorder_command(recording: Recording, output: Path, key: Path | None) -> list[str]:
+    """The command of our recorder."""
+    start = ["rosrun"] if recording.ros == "1" else ["ros2", "run"]
+    command = [
+        *start,
+        "ariac_score_recorder",
+        "recorder",
+        "--plan",
+        f"{output}.plan.json",
+        "--out",
+        str(output),
+    ]
+    command += ["--key", str(key)] if key else []
+    simulated = ["--ros-args", "-p", "use_sim_time:=true"] if recording.simulated else []
+    return [*command, *(simulated if recording.ros != "1" else [])]
+
+
+_QOS = """\
+/tf_static: {history: keep_all, reliability: reliable, durability: transient_local}
+/rosout: {history: keep_last, depth: 1000, reliability: reliable, durability: transient_local}
+/ariac_score/manifest: {history: keep_last, depth: 2, reliability: reliable, durability: transient_local}
+"""
+"""Publishers that may come after the recorder, which would otherwise ask for less than they offer."""
+
+
+def _write_plan(recording: Recording, output: Path, arguments: argparse.Namespace) -> None:
+    plan = recording.plan(trial=arguments.trial, team=arguments.team, forward=arguments.forward)
+    files = {f"{output}.plan.json": json.dumps(plan, indent=1, sort_keys=True) + "\n"}
+    if recording.ros != "1":
+        files[f"{output}.qos.yaml"] = _QOS
+    for name, text in files.items():
+        try:
+            Path(name).write_text(text, encoding="utf-8")
+        except OSError as cause:
+            raise UsageError(
+                f"cannot be written: {cause.strerror}", file=name, hint="check the folder"
+            ) from cause
+
+
+def _lines(
+    recording: Recording, bag: Sequence[str], recorder: Sequence[str], *, is_planned: bool
+) -> Iterator[str]:
+    if recording.mode:
+        yield f"# the simulator in {recording.mode} mode"
+    for note in recording.notes:
+        yield f"# {note}"
+    for topic, why in sorted(recording.left_out.items()):
+        yield f"# left out: {topic}: {why}"
+    yield shlex.join(bag)
+    yield "# beside it, our recorder: submissions, events, a signed manifest" + (
+        "" if is_planned else "; add -o NAME to write its plan"
+    )
+    yield shlex.join(recorder)
+
+
+def _run(bag: Sequence[str], recorder: Sequence[str]) -> int:
+    """Run both until the recorder ends; nothing goes on afterwards."""
+    for program in (bag[0], recorder[0]):
+        if shutil.which(program) is None:
+            raise UsageError(
+                f"there is no program {program!r} here", hint="source the set-up of your ROS first"
+            )
+    running: list[subprocess.Popen[bytes]] = []
+    try:
+        # In sessions of their own: Ctrl-C reaches us alone, and the manifest is closed before the bag.
+        running.append(subprocess.Popen(bag, start_new_session=True))  # noqa: S603
+        running.append(subprocess.Popen(recorder, start_new_session=True))  # noqa: S603
+        code = _watch(*running)
+    finally:
+        for process in reversed(running):
+            _end(process)
+    if code:
+        raise UsageError(f"the recorder ended with code {code}", hint="see what it said above")
+    return 0
+
+
+def _watch(bag: subprocess.Popen[bytes], recorder: subprocess.Popen[bytes]) -> int:
+    """The recorder's exit code; a bag that ends first is an error."""
+    try:
+        while recorder.poll() is None:
+            if bag.poll() is not None:
+                raise UsageError(f"the bag ended with code {bag.returncode}", hint="see what it said above")
+            time.sleep(0.05)
+    except KeyboardInterrupt:
+        _signal(recorder, signal.SIGINT)
+        recorder.wait(_LATE_S)
+    return recorder.returncode
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process and what it started, politely first."""
+    for how in (signal.SIGINT, signal.SIGKILL):
+        if process.poll() is None:
+            _signal(process, how)
+            try:
+                process.wait(_CLOSING_S)
+            except subprocess.TimeoutExpired:
+                continue
+    _signal(process, signal.SIGKILL)
+
+
+def _signal(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
+    with suppress(ProcessLookupError, PermissionError):  # it and all that it started have ended
+        os.killpg(process.pid, how)

@@ -1,0 +1,142 @@
+"""`record`: the commands that record a trial, what they leave out, and the plan of the recorder."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from ariac_score.cli import main
+from ariac_score.logs.recording import OWN_TOPICS, load_recording, recording_names
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "ros/ariac_score_recorder/src"))
+from ariac_score_recorder.plan import Plan
+
+Capture = pytest.CaptureFixture[str]
+
+
+def said(capsys: Capture, *words: str, code: int = 0) -> str:
+    assert main(["record", *words]) == code
+    out, error = capsys.readouterr()
+    return out if code == 0 else error
+
+
+def bag_line(text: str) -> list[str]:
+    return next(line for line in text.splitlines() if re.match(r"rosbag|ros2 bag", line)).split()
+
+
+def test_contents_are_left_out_in_competition_mode_and_the_reason_is_said(
+    subtests: pytest.Subtests, capsys: Capture
+) -> None:
+    """Recording.md, section 0: a foreign subscriber switches these off for good."""
+    for rules, topics in (
+        ("ariac2017.as_coded", ["/ariac/trays"]),
+        ("ariac2018.as_coded", ["/ariac/shipping_boxes"]),
+        ("ariac2019.as_coded", ["/ariac/trays"]),
+        ("paper2020", ["/ariac/trays"]),
+        ("ariac2021.finals_as_coded", ["/ariac/trays", "/ariac/briefcases"]),
+        ("ariac2022.as_coded", ["/ariac/trays", "/ariac/briefcases"]),
+    ):
+        with subtests.test(rules):
+            text = said(capsys, "--rules", rules)
+            for topic in topics:
+                assert topic not in bag_line(text)
+                assert f"# left out: {topic}: in competition mode a subscriber other than /gazebo" in text
+            assert "/gazebo/model_states" not in bag_line(text)  # not published then
+            line = bag_line(said(capsys, "--rules", rules, "--mode", "development"))
+            assert {*topics, "/gazebo/model_states"} <= set(line)
+
+
+def test_what_decides_a_score_is_in_every_command(subtests: pytest.Subtests, capsys: Capture) -> None:
+    state = {"ariac2025": "/competition_status"}
+    for name in recording_names():
+        with subtests.test(name):
+            recording = load_recording(None, [name])
+            wanted = {"/clock", "/rosout", "/tf", state.get(name, "/ariac/competition_state")}
+            assert wanted <= set(recording.topics)
+            assert not set(recording.topics) & set(recording.left_out)
+            # The recorder takes the plan as it is.
+            plan = Plan(recording.plan(forward=True))
+            assert bool(plan.forwards) == (name not in ("ariac2017", "ariac2018"))
+            assert set(plan.left_out) == set(recording.left_out)
+    line = bag_line(said(capsys, "--rules", "paper2020"))
+    assert {"/snapshot", "/tf_static", "/ariac/orders", *OWN_TOPICS} <= set(line)
+
+
+def test_each_release_of_ros_gets_options_that_it_has(capsys: Capture) -> None:
+    """Recording.md, sections 0.12 and 6.2."""
+    galactic = bag_line(said(capsys, "--rules", "ariac2023.as_coded"))
+    iron = bag_line(said(capsys, "--rules", "ariac2024.release_3"))
+    jazzy = bag_line(said(capsys, "--rules", "ariac2025.as_coded"))
+    assert not {"--use-sim-time", "-s", "--topics", "--services"} & set(galactic)
+    assert {"--use-sim-time", "mcap", "zstd_fast", "--include-hidden-topics"} <= set(iron) & set(jazzy)
+    assert iron[-1] == "/ariac/submit_order/_service_event"  # Iron has no --services
+    assert "--topics" not in iron
+    assert jazzy[jazzy.index("--services") + 1 :][0] == "/submit_kitting_order"
+    assert jazzy.index("--topics") < jazzy.index("/competition_status") < jazzy.index("--services")
+
+
+def test_the_plan_is_written_beside_the_recording(tmp_path: Path, capsys: Capture) -> None:
+    output = tmp_path / "final_3"
+    text = said(capsys, "--rules", "paper2020", "-o", str(output), "--team", "a", "--trial", "3", "--forward")
+    assert f"rosrun ariac_score_recorder recorder --plan {output}.plan.json --out {output}" in text
+    plan = json.loads(Path(f"{output}.plan.json").read_text())
+    assert (plan["team"], plan["trial"]) == ("a", "3")
+    assert [f["service"] for f in plan["forwards"]] == ["/ariac/agv1", "/ariac/agv2"]
+    assert list(plan["left_out"]) == ["/ariac/trays"]
+    assert "/clock" not in plan["topics"]
+
+
+def test_a_log_map_of_ones_own_adds_its_topics(tmp_path: Path, capsys: Capture) -> None:
+    log_map = tmp_path / "ours.yaml"
+    log_map.write_text(
+        "id: ours\ntitle: ours\nsource: us\nextends: ariac2020\nchannels:\n"
+        "  - {topic: /lab/person, poses: frames}\n"
+    )
+    line = bag_line(said(capsys, "--rules", "paper2020", "--log-map", str(log_map)))
+    assert {"/lab/person", "/snapshot"} <= set(line)
+
+
+def test_what_cannot_be_recorded_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    refused = said(capsys, "--rules", "paper2020", "--mode", "dvelopment", code=4)
+    assert "did you mean 'development'" in refused
+    log_map = tmp_path / "ours.yaml"
+    log_map.write_text("id: ours\ntitle: t\nsource: s\nchannels: [{topic: /a, poses: frames}]\n")
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        f"id: ours\ntitle: t\nsource: s\nlog_map: {log_map}\nrules: {{}}\nmonitors: {{}}\nscore: 1\n"
+    )
+    assert "say --ros 1 or the release of ROS 2" in said(capsys, "--rules", str(rules), code=4)
+    assert bag_line(said(capsys, "--rules", str(rules), "--ros", "humble"))[:3] == ["ros2", "bag", "record"]
+    missing = str(tmp_path / "no_folder" / "trial")
+    assert "cannot be written" in said(capsys, "--rules", "paper2020", "-o", missing, code=4)
+
+
+def test_running_ends_the_bag_after_the_recorder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    bag, recorder = tmp_path / "rosbag", tmp_path / "rosrun"
+    bag.write_text(
+        "#!/bin/sh\ntrap 'echo closed >> $0.said; exit 0' INT\ntouch $0.up\nwhile :; do sleep 0.05; done\n"
+    )
+    recorder.write_text(
+        f"#!/bin/sh\ntest -e {tmp_path}/trial.plan.json || exit 9\n"
+        f"while [ ! -e {bag}.up ]; do :; done\necho ended >> {bag}.said\n"
+    )
+    for file in (bag, recorder):
+        file.chmod(0o755)
+    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 0
+    assert Path(f"{bag}.said").read_text().split() == ["ended", "closed"]
+    # A recorder that refuses, and a bag that ends too early, are said.
+    recorder.write_text("#!/bin/sh\nexit 5\n")
+    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
+    assert "the recorder ended with code 5" in capfd.readouterr().err
+    bag.write_text("#!/bin/sh\nexit 1\n")
+    recorder.write_text("#!/bin/sh\nsleep 60\n")
+    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
+    assert "the bag ended with code 1" in capfd.readouterr().err
