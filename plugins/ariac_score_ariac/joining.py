@@ -17,6 +17,7 @@ from ariac_score import (
     only,
 )
 from ariac_score_ariac.stock.console import CONSOLE, CurrentScore, Said
+from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
 from ariac_score_ariac.stock.settling import Stock, stock_of
 from ariac_score_ariac.work import (
     FaultyProducts,
@@ -30,6 +31,8 @@ from ariac_score_ariac.work import (
     submissions_of,
 )
 
+_READ_OFF = (Said, CurrentScore, RunStatus, HighPriority)
+"""Records of which all that matters is joined: neither checks nor results need them."""
 _SAME_SUBMISSION_S = 2.0
 """A recorder and the simulator stamp one submission at most so far apart: a call waits, a kit is checked."""
 
@@ -47,10 +50,14 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     Raises:
         LogError: Two logs contradict each other.
     """
+    run = run_of(parts)
+    if run is not None:  # of 2025, whose orders have no messages of their own
+        merged = _with_run(merged, run, file)
+        parts = [*parts, Trial(merged.id, official=run.official)]
     orders = _orders(parts, first_announced(merged), file)
     bills = [record for part in parts for record in part.records if isinstance(record, SensorBill)]
     only("a sensor cost", [bill.cost for bill in bills], file)
-    stock = stock_of(merged, parts, orders, file)
+    stock = stock_of(merged, parts, orders, file) if run is None else Stock(run.submissions)
     counted = only("a team set-up", [dict(bill.sensors) for bill in bills if bill.sensors is not None], file)
     only("a list of faulty products", [f for part in parts if (f := faulty_products(part)) is not None], file)
     known = {order.id for order in orders}
@@ -217,6 +224,27 @@ def _refuse_left_out(recorded: Sequence[KitSubmission], stock: Stock, file: obje
             )
 
 
+def _with_run(merged: Trial, run: Run, file: object) -> Trial:
+    """The trial with what the simulator of 2025 counts.
+
+    Raises:
+        LogError: The configuration asks for other numbers.
+    """
+    for name in ("num_kits", "num_modules"):
+        if merged.facts.get(name, run.facts[name]) != run.facts[name]:
+            raise LogError(
+                f"the configuration has {name} {merged.facts[name]}, the simulator {run.facts[name]:g}",
+                file=file,
+                hint="a bundle is one trial: leave out the configuration of another",
+            )
+    return replace(
+        merged,
+        events=tuple(sorted({*merged.events, *run.events})),
+        facts={**run.facts, **merged.facts},
+        official=run.official,
+    )
+
+
 def _official(
     text: OfficialResult | None, said: OfficialResult | None, file: object
 ) -> OfficialResult | None:
@@ -243,7 +271,7 @@ def _each_once(records: Sequence[Record]) -> tuple[Record, ...]:
     """The records, two files of which may list the same; without what was read off already."""
     listed = [record for record in records if isinstance(record, FaultyProducts)]
     bills = [record for record in records if isinstance(record, SensorBill)]
-    once = FaultyProducts | SensorBill | Said | CurrentScore
+    once = (FaultyProducts, SensorBill, *_READ_OFF)
     others = (record for record in records if not isinstance(record, once))
     return (*others, *listed[:1], *bills[:1])
 

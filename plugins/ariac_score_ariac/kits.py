@@ -11,10 +11,16 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ariac_score import LogDefect, Trial
 from ariac_score_ariac.work import Kit, KitRecord, KitSubmission, Task, orders_of, submissions_of
 
 __all__ = ["RecordedKits", "with_contents"]
+
+
+_LONGER_PAUSE = 1.1
+"""A pause so many times the usual one is none of the contact sensor that lets a tray be published."""
 
 
 class RecordedKits(KitRecord):
@@ -29,12 +35,17 @@ class RecordedKits(KitRecord):
         self._times = {place: [kit.t_s for kit in kits] for place, kits in self._kits.items()}
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """The last contents recorded at or before a time, unless they are older than allowed."""
+        """The last contents recorded at or before a time, unless they are older than allowed or usual."""
         # To the right of equal times: contents of the instant of the submission are those handed in.
         last = bisect_right(self._times.get(place, []), t_s) - 1
-        if last < 0 or t_s - self._times[place][last] > max_age_s:
+        if last < 0 or t_s - self._times[place][last] > max(max_age_s, self._pause_s(place)):
             return None
         return self._kits[place][last]
+
+    def _pause_s(self, place: str) -> float:
+        """How long the messages of a tray pause at most, while none is missing, s."""
+        pauses = np.diff(self._times[place])
+        return _LONGER_PAUSE * float(np.median(pauses)) if len(pauses) > 1 else 0.0
 
 
 def with_contents(trial: Trial, *, max_age_s: float) -> Trial:

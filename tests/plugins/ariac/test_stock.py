@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from ariac_score import LogError, Verdict, score_trial
 from ariac_score.testing.bags import Recorded
 
 from .stock_bags import (
+    S,
     at,
     every_second,
     given_pose,
@@ -176,6 +179,26 @@ def test_without_the_trays_a_kit_is_open_and_not_worth_nothing(
     first = [f for f in result.measured.findings.values() if f.subject.startswith("order_0/order_0_kit_0")]
     of = {f.check: f.verdict for f in first}
     assert (of["submitted"], of["part_present"]) == (Verdict.SATISFIED, Verdict.INCONCLUSIVE)
+
+
+def test_contents_older_than_the_pauses_of_their_tray_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    """Of one message a second, 0.1 s more or less, the last one stands for more than a second."""
+    given = case("rostest2018-perfect-shipment")
+    trays = [m for m in recorded_2017(given) if m.topic == "/ariac/trays"]
+    others = [m for m in recorded_2017(given) if m.topic != "/ariac/trays"]
+    handed_in_ns = next(m.t_ns for m in others if m.fields.get("msg") == "AGV successfully triggered.")
+    for missing, verdict in ((0, Verdict.SATISFIED), (1, Verdict.INCONCLUSIVE)):
+        with subtests.test(missing=missing):
+            rarer = [replace(m, t_ns=m.t_ns - 95_000_000 * (m.t_ns // S % 2)) for m in trays]
+            before = sorted({m.t_ns for m in rarer if m.t_ns <= handed_in_ns})
+            kept = [m for m in rarer if m.t_ns not in before[len(before) - missing :]]
+            log = stock_bag(tmp_path / f"old{missing}", "2017", [*others, *kept], monkeypatch)
+            result = score_trial(log, rules="ariac2017.as_coded")
+            found = result.measured.findings.values()
+            of = {f.subject: f.verdict for f in found if f.check == "part_present"}
+            assert of["order_0/order_0_kit_0/part_0"] is verdict
 
 
 # 2019 to 2022: the AGV is printed, the shipment is not
@@ -577,3 +600,72 @@ def test_without_a_printed_verdict_the_safe_rules_score_what_was_recorded(
     result = score_trial(stock_bag(tmp_path / "quiet", "2023", messages, monkeypatch), rules="ariac2023.safe")
     of = {f.check: f.verdict for f in result.measured.findings.values()}
     assert (of["printed"], of["submitted"]) == (Verdict.NOT_APPLICABLE, Verdict.INCONCLUSIVE)
+
+
+# 2025: numbers that fall
+
+TABLE_2025 = """\
+┌─────────────────┬────────┐
+│ Results         │        │
+├─────────────────┼────────┤
+│ Kits submitted  │ 2 / 3  │
+│ Total score     │ 7421.5 │
+└─────────────────┴────────┘
+"""
+
+
+def status(t_s: float, state: int, kits: int, modules: int, *, rate: float = 2.0) -> Recorded:
+    """One message; the simulation runs at half of the speed of the clock that it is recorded by."""
+    elapsed_s = max(t_s, 0.0)
+    time = {
+        "elapsed": {"sec": math.floor(elapsed_s), "nanosec": round(elapsed_s % 1 * S)},
+        "remaining": {"sec": 300 - math.ceil(elapsed_s), "nanosec": round(-elapsed_s % 1 * S)},
+    }
+    fields = {
+        "competition_state": state,
+        "num_kits": 3,
+        "num_modules": 1,
+        "num_kits_remaining": kits,
+        "num_modules_remaining": modules,
+        "time": time,
+    }
+    return at(t_s * rate, "/competition_status", "ariac_interfaces/msg/CompetitionStatus", **fields)
+
+
+def recorded_2025(*, table: bool = False) -> list[Recorded]:
+    """Two of three kits and the one module; an order of high priority, announced at each step."""
+    found = []
+    for half in range(-4, 402):
+        t_s = half / 2
+        kits = 3 - (t_s >= 50) - (t_s >= 120.5)
+        found.append(status(t_s, 1 if t_s < 0 else 4 if t_s >= 200 else 2, kits, 0 if t_s >= 150 else 1))
+    urgent = "ariac_interfaces/msg/HighPriorityOrder"
+    found += [at(60.0 + i, "/high_priority_orders", urgent, id="HP000001") for i in range(20)]
+    return [*found, *([logged(404.0, TABLE_2025, node="score_logger")] if table else [])]
+
+
+def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_worth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = stock_bag(tmp_path / "run", "2025", recorded_2025(), monkeypatch)
+    result = score_trial(log, rules="ariac2025.as_coded")
+    of = {f.subject: f for f in result.measured.findings.values() if f.check == "accepted"}
+    assert {name: f.verdict for name, f in of.items()} == {
+        "kit_1": Verdict.SATISFIED,
+        "kit_2": Verdict.SATISFIED,
+        "kit_3": Verdict.VIOLATED,
+        "module_1": Verdict.SATISFIED,
+        "high_priority_1": Verdict.INCONCLUSIVE,
+    }
+    assert of["kit_2"].quantities["submitted_s"] == 120.5  # of simulated time, which the message says
+    record = next(f for f in result.measured.findings.values() if f.check == "record")
+    assert record.verdict is Verdict.INCONCLUSIVE
+
+
+def test_the_printed_table_of_2025_is_the_official_total(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    for table, score in ((True, 7421.5), (False, None)):
+        with subtests.test(table=table):
+            log = stock_bag(tmp_path / f"run{table}", "2025", recorded_2025(table=table), monkeypatch)
+            assert score_trial(log, rules="ariac2025.official").score == score
