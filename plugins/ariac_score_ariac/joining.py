@@ -65,6 +65,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     message = "orders of the configuration were never announced in the log"
     defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
     defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
+    orders = tuple(_with_printed_priority(order, stock.official) for order in orders)
     submissions, from_stock = _submissions(parts, stock, file)
     defects += stock.defects if from_stock else []
     # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
@@ -190,6 +191,15 @@ def _completed(order: Order, configured: Order | None) -> Order:
     if order.priority_said:
         return replace(order, tasks=tasks)
     return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
+
+
+def _with_printed_priority(order: Order, official: OfficialResult | None) -> Order:
+    """An order with the priority that its simulator prints beside its score, where nothing else says it."""
+    if order.priority_said or official is None:
+        return order
+    printed = next((summary for summary in official.summaries if summary.id == order.id), None)
+    said = printed is not None and printed.items.get("priority", "").isdigit()
+    return replace(order, priority=_priority(printed), priority_said=True) if printed and said else order
 
 
 def _submissions(

@@ -198,7 +198,10 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
             events.append(Event(end_s, COMPETITION_ENDED))
     ended = merged.ended_s is not None or any(event.kind == COMPETITION_ENDED for event in events)
     deliveries = _with_boxes(deliveries_said(said), parts)
-    submitted = None if score is None else {s.item_id for s in score.submissions}
+    listed = {summary.id for summary in official.summaries} if official else set()
+    # A score that leaves out an order, as where the recording cuts it off, says nothing of its shipments.
+    whole = score is not None and all(order.id in listed for order in orders)
+    submitted = {s.item_id for s in score.submissions} if score is not None and whole else None
     named = named_deliveries(deliveries, completions_said(said), orders, submitted=submitted, ended=ended)
     witnessed = {"submissions"} | set(score.witnessed if score else ())
     if any(task.agv != "any" or task.station for order in orders for task in order.tasks):

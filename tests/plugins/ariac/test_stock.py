@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -267,6 +268,116 @@ def test_a_shipment_of_2020_that_can_only_be_one_is_scored_as_the_official_score
         with subtests.test(given["case"]):
             log = stock_bag(tmp_path / given["case"], "2020", recorded_2020(given), monkeypatch)
             assert score_trial(log, rules="ariac2020.as_coded").score == given["expected"]["total"]
+
+
+def final_score_2021(given: Mapping[str, Any]) -> str:
+    """The breakdown of the finals of 2021, of one order with one kit; log formats, section 3.4."""
+    (order,), total = given["orders"], given["expected"]["total"]
+    printed = given["expected"]["orders"][order["id"]]
+    return (
+        f"End of trial. Final score: {total:g}\nScore breakdown:\n[trial_score]\n"
+        f"...total trial score: [{total:g}]\n...total process time: [60]\n"
+        f"...arms collision?: [{given['arm_collision']:d}]\n"
+        f"...dropped part penalty: [{given['floor_penalty']}]\n"
+        f"   [order score]\n   ...order ID [{order['id']}]\n   ...total order score: [{printed['total']:g}]\n"
+        f"   ...completion score: [{printed['total'] / order['priority']:g}]\n"
+        f"   ...time taken: [{printed['time_taken_s']}]\n   ...priority: [{order['priority']}]\n"
+        f"      [kitting score]\n      ...shipment type: [{order['tasks'][0]['id']}]\n"
+        "      ...complete: [true]\n      ...submitted: [true]\n"
+    )
+
+
+def recorded_2021(given: Mapping[str, Any]) -> list[Recorded]:
+    """One kit of the official vectors, as the simulator of the finals of 2021 would have published it."""
+    (order,), (handed_in,) = given["orders"], given["submissions"]
+    (task,), agv, t_s = order["tasks"], handed_in["agv"], handed_in["time_s"]
+    wanted = [{"type": p["type"], "pose": given_pose(p["pose"])} for p in task["products"]]
+    kit = {
+        "shipment_type": task["id"],
+        "agv_id": task["agv"],
+        "station_id": task["station"],
+        "products": wanted,
+    }
+    found = [
+        {"type": p["type"], "is_faulty": p.get("faulty", False), "pose": given_pose(p["pose"])}
+        for p in handed_in["products"]
+    ]
+    tray = f"{agv}::kit_tray_{agv[-1]}::kit_tray_{agv[-1]}::tray"
+    contents = {"destination_id": tray, "station_id": f"ks{agv[-1]}", "products": found}
+    end_s = t_s + 20
+    return [
+        at(
+            order["time_s"],
+            "/ariac/orders",
+            "nist_gear/msg/Order",
+            order_id=order["id"],
+            kitting_shipments=[kit],
+        ),
+        at(t_s - 0.4, "/ariac/trays", "nist_gear/msg/DetectedKittingShipment", **contents),
+        said(t_s, f"[{agv}-> {handed_in['station']}] SUCCESS: AGV successfully triggered."),
+        said(t_s + 0.001, f"All kitting shipments submitted for order: {order['id']}"),
+        said(end_s, final_score_2021(given)),
+        said(end_s, "Requesting that Gazebo shut down"),
+        *words_of_state((-5, "init"), (0.0, "go"), until_s=end_s),  # it stops before `done` is published
+    ]
+
+
+def test_a_kit_of_2021_is_scored_as_the_official_scorer_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    alone = [
+        v
+        for v in vectors("2021f")
+        if len(v["orders"]) == 1
+        and [t["kind"] for t in v["orders"][0]["tasks"]] == ["kitting"]
+        and [s["task"] for s in v["submissions"]] == [v["orders"][0]["tasks"][0]["id"]]
+    ][:5]
+    assert len(alone) == 5
+    # No message of 2021 says a priority; the final score prints it.
+    for given in alone:
+        with subtests.test(given["case"]):
+            log = stock_bag(tmp_path / given["case"], "2021", recorded_2021(given), monkeypatch)
+            result = score_trial(log, rules="ariac2021.finals_as_coded")
+            assert result.score == given["expected"]["total"]
+
+
+ROSOUT_2022 = re.compile(r"^(\d+\.\d+) [A-Z]+ (/\S+) \[.*?\] \[topics: .*?\] (.*)$")
+
+
+def test_the_console_of_an_official_run_of_2022_says_that_nothing_was_handed_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The text log of the only official run that is public; its messages as a bag holds them."""
+    log = SHARED / "data" / "nist_team_2022" / "ros" / "rosout.log"
+    if not log.is_file():
+        pytest.skip("the logs of the official run (../shared/ariac/data/nist_team_2022) are not here")
+    messages: list[tuple[float, str, str]] = []
+    for line in log.read_text(encoding="utf-8").splitlines():
+        if begins := ROSOUT_2022.match(line):
+            messages.append((float(begins[1]), begins[2], begins[3]))
+        elif messages:
+            t_s, node, text = messages[-1]
+            messages[-1] = t_s, node, f"{text}\n{line}"
+    console = [said(t_s - 10.0, text, node=node) for t_s, node, text in messages if t_s]
+    tray = {"movable_tray_type": "movable_tray_metal_shiny"}
+    product = [{"type": "assembly_pump_red", "pose": pose((-0.1, -0.1, 0.0))}]
+    kit = {
+        "shipment_type": "order_0_kitting_shipment_0",
+        "agv": "agv1",
+        "assembly_station": "as1",
+        "movable_tray": tray,
+        "products": product,
+    }
+    order = at(0.861, "/ariac/orders", "nist_gear/msg/Orders", order_id="order_0", kitting_shipments=[kit])
+    states = words_of_state((-5, "init"), (0.86, "go"), until_s=15.7)
+    bag = stock_bag(tmp_path / "nist_team", "2022", [*console, order, *states], monkeypatch)
+    result = score_trial(bag, rules="ariac2022.official")
+    assert result.task is not None
+    assert result.task.value == 0
+    of = {f.check: f for f in result.measured.findings.values()}
+    assert of["order_score"].verdict is Verdict.VIOLATED
+    assert result.measured.window is not None
+    assert result.measured.window.end_s == pytest.approx(result.measured.window.start_s + 14.852, abs=0.1)
 
 
 # 2023 and 2024: the task manager prints its verdict
