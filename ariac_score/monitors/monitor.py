@@ -222,8 +222,7 @@ class _Unseen:
             worlds: Worlds | None = opened.worlds
         elif why:
             found = tuple(one for one in stated if isinstance(one, Finding))
-            undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in found)
-            worlds = None if undecided else Worlds(watched.subject.name, found, found)
+            worlds = Worlds(watched.subject.name, found, found)
         else:
             return
         if why:

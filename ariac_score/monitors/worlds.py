@@ -329,7 +329,12 @@ def _blunt(
     worst = [one for one in best if one.verdict is Verdict.VIOLATED] + broken
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
     causes = _causes_of(opened, spans)
-    worlds = Worlds(watched.subject.name, tuple(_bridged(best, spans)), tuple(worst), causes)
+    name, decided = watched.subject.name, [one for one in best if one.verdict is not Verdict.INCONCLUSIVE]
+    undecided = [one for one in best if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
+    for one in undecided:  # as what else a monitor reads, and a gap hides
+        worst += _all_of(name, one.span or spans[0], monitor, best)
+    kept = _bridged(decided, spans) or [_kept(name, monitor)]
+    worlds = Worlds(name, tuple(kept), tuple(worst), causes)
     return Opened(worlds, tuple(seen), agree=False, said=said)
 
 
@@ -412,22 +417,20 @@ def whole_window(
     best: tuple[Finding, ...] = () if seen is None else seen.best
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
     broken = [replace(one, critical=critical) for one in _all_of(subject, window, monitor, worst)]
-    if not best:
-        quantities = {
-            name: one.reference for name, one in monitor.measures.items() if one.reference is not None
-        }
-        kept = Finding(
-            subject, Verdict.SATISFIED, "nothing shows that the limit was broken", clause=monitor.clause
-        )
-        best = (replace(kept, quantities={**quantities, **_no_exposure(monitor)}),)
+    best = tuple(one for one in best if one.verdict is not Verdict.INCONCLUSIVE) or (_kept(subject, monitor),)
     cause = Cause(why, spans=(window,))
     causes = (cause,) if seen is None else (cause, *seen.causes)
     violated = tuple(one for one in worst if one.verdict is Verdict.VIOLATED)
     return Worlds(subject, best, (*violated, *broken), causes)
 
 
-def _no_exposure(monitor: Worsening) -> dict[str, float]:
-    return {"exposure_s": 0.0} if "exposure_s" in monitor.measures else {}
+def _kept(subject: str, monitor: Worsening) -> Finding:
+    """That the limit was kept, of whom nothing shows it."""
+    measures = monitor.measures
+    quantities = {name: one.reference for name, one in measures.items() if one.reference is not None}
+    quantities |= {"exposure_s": 0.0} if "exposure_s" in measures else {}
+    kept = Finding.satisfied(subject, "nothing shows that the limit was broken", clause=monitor.clause)
+    return replace(kept, quantities=quantities)
 
 
 # Causes ----------------------------------------------------------------------------------------
