@@ -10,17 +10,22 @@ was declared, for whoever shows it.
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, Literal
 
 __all__ = [
+    "MEANINGS",
     "ParameterFacts",
     "Status",
     "check_parameters",
     "parameter",
     "parameter_facts",
+    "parameter_meanings",
+    "sections_of",
 ]
 
 Status = Literal["verified", "from memory", "our choice", ""]
@@ -127,3 +132,26 @@ def check_parameters(plugin: Any) -> None:
         problem = facts.problem(value)
         if problem:
             raise ValueError(f"{name} is {value:g} {problem}")
+
+
+# In words ------------------------------------------------------------------------------
+
+_SECTION = re.compile(r"^([A-Z][A-Za-z ]*):\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
+_MEANING = re.compile(r"^(\w+): (.*(?:\n[ ]+.*)*)", re.MULTILINE)
+MEANINGS = "Attributes"
+"""The section of a docstring that says what each parameter is."""
+
+
+def sections_of(kind: Any) -> dict[str, str]:
+    """The sections of the docstring of a plugin, such as `Violated when`, by their headings."""
+    text = inspect.cleandoc(vars(kind).get("__doc__") or "") + "\n"
+    return {match[1]: inspect.cleandoc(match[2]) for match in _SECTION.finditer(text)}
+
+
+def parameter_meanings(kind: Any) -> dict[str, str]:
+    """What a plugin says of its parameters, by name; what it inherits from a base counts as well."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        stated = _MEANING.finditer(sections_of(base).get(MEANINGS, ""))
+        found |= {match[1]: " ".join(match[2].split()).removesuffix(".") for match in stated}
+    return found

@@ -14,6 +14,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from ariac_score.checks.contracts import GROUPS, Monitor, Rule
 from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import measures_of
+from ariac_score.checks.parameters import MEANINGS, parameter_meanings
 from ariac_score.checks.registry import Parameter, Plugin, Registry, parameters_of
 from ariac_score.engine.ask import ask
 from ariac_score.engine.signal_needs import needs_of, with_derived
@@ -55,6 +56,8 @@ def _docstring(kind: Any) -> list[str]:
     text = inspect.cleandoc(kind.__doc__ or "It does not say what it is for.") + "\n"
 
     def as_heading(match: re.Match[str]) -> str:
+        if match[1] == MEANINGS:  # they stand in the table of parameters
+            return ""
         return f"## {match[1]}\n\n{inspect.cleandoc(match[2])}\n\n"
 
     return [re.sub(r"\n{3,}", "\n\n", _SECTION.sub(as_heading, text)).strip()]
@@ -71,14 +74,16 @@ def _parameters(kind: Any) -> list[str]:
         return []  # an annotation that cannot be resolved; the doctor names it
     if not parameters:
         return []
-    rows = [_row(name, parameter) for name, parameter in parameters.items()]
+    meanings = parameter_meanings(kind)
+    rows = [_row(name, parameter, meanings.get(name, "")) for name, parameter in parameters.items()]
     return ["## Parameters", _table(rows)]
 
 
-def _row(name: str, parameter: Parameter) -> dict[str, str]:
+def _row(name: str, parameter: Parameter, meaning: str) -> dict[str, str]:
     facts = parameter.facts
     return {
         "parameter": f"`{name}`",
+        "meaning": meaning,
         "type": _type(parameter.type),
         "default": _value(parameter.default),
         "unit": facts.unit,

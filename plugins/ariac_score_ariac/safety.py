@@ -64,6 +64,11 @@ class HumanContact(MarginMonitor):
         ARIAC 2020-2022, documented scoring: a collision with a human zeroes the
         trial; the simulator never checked it. The distance that stands for contact
         between centres is our choice.
+    Attributes:
+        distance: Which distance is compared.
+        contact_distance_m: At this distance they touch.
+        max_gap_s: Longest time between two samples that shows nothing was missed.
+        t_off_s: A pause that is not longer ends no contact.
     """
 
     distance: Literal["centre_distance", "centre_distance_2d", "separation"] = parameter(
@@ -146,6 +151,8 @@ class NoEvent:
     Source:
         ARIAC 2019-2022, scoring: arm collisions zero the trial; 2021-2022: every
         dropped product costs a point.
+    Attributes:
+        kind: What must not happen.
     """
 
     kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")

@@ -124,7 +124,34 @@ _OF_PROFILE = "seed: Ferrando et al.; ariac2023: that release; standard: set per
 
 @dataclass(frozen=True)
 class SsmFormula(LimitMonitor):
-    """S_p = S_h + S_r + S_s + C + Z_d + Z_r, and its inverse; the parameters of every SSM monitor."""
+    """S_p = S_h + S_r + S_s + C + Z_d + Z_r, and its inverse; the parameters of every SSM monitor.
+
+    Attributes:
+        profile: Which published formula, with its values.
+        t1_s: Time from sensing to the signal to stop.
+        t2_s: Time from that signal to standstill.
+        stopping_distance_m: Way that the robot covers while it stops.
+        delta_m: Allowance for intrusion and uncertainty, in one.
+        distance: Which distance is compared.
+        max_gap_s: Longest time between two samples that shows nothing was missed.
+        t_on_s: What is shorter is no violation.
+        t_off_s: A pause that is not longer ends no violation.
+        stop_model: How the way covered while stopping follows from the speed.
+        deceleration_m_s2: How hard the robot brakes.
+        intrusion_m: How far a body part reaches before it is sensed.
+        human_uncertainty_m: How wrong the place of the human may be.
+        robot_uncertainty_m: How wrong the place of the robot may be.
+        speeds: Whether speeds count in any direction, or towards each other.
+        human_speed: Whether the speed of the human is measured or assumed.
+        human_speed_m_s: Assumed speed of the human.
+        near_human_speed_m_s: Assumed speed of a human who is near.
+        near_distance_m: Up to this distance a human is near.
+        cap_m: The required distance is never more.
+        robot_must_move: Whether a robot at rest violates nothing.
+        standstill_speed_m_s: What is slower stands.
+        exposure_distance_m: Up to this distance a human is exposed to the moving robot.
+        blame: Whether exposure and who closed in are told.
+    """
 
     profile: Literal["seed", "ariac2023", "ariac2023_agent", "standard"] = parameter(
         "seed", source="which formula and which defaults; seed: Ferrando et al."

@@ -264,3 +264,11 @@ def test_code_beside_a_rule_set_runs_only_where_that_is_allowed(
 
     assert main(["rules", "show", str(rules), "--as", "rulebook"]) == 4
     assert "the caller does not allow that" in capsys.readouterr().err
+
+
+def test_every_setting_of_a_shipped_rulebook_has_a_meaning() -> None:
+    for page in DOCS.glob("*.md"):  # which another test holds against what is made now
+        _, _, table = page.read_text(encoding="utf-8").partition("**Settings of the checks**\n\n")
+        for row in table.partition("\n\n")[0].splitlines()[2:]:
+            _, setting, _, meaning, _ = (cell.strip() for cell in row.strip("|").split(" | "))
+            assert meaning, (page.name, setting)

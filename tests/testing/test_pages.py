@@ -51,8 +51,9 @@ def test_a_page_that_nobody_brings_any_more_is_removed(tmp_path: Path) -> None:
 def test_a_page_has_what_was_declared_about_parameters() -> None:
     page = plugin_page(REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation"))
 
-    assert "| parameter | type | default | unit | range | status | source |" in page
-    assert "| `human_speed_m_s` | float | 1.6 | m/s | at least 0, at most 20 | verified | " in page
+    assert "| parameter | meaning | type | default | unit | range | status | source |" in page
+    declared = "float | 1.6 | m/s | at least 0, at most 20 | verified | "
+    assert f"| `human_speed_m_s` | Assumed speed of the human | {declared}" in page
     assert "| `speed` | m/s | 0.25 s | scalar speed" in page
     # The near miss of the example, worked out in ariac_score.testing.trials.
     assert "18.81 s to 21.21 s: too close for 2.40 s" in page
@@ -90,7 +91,7 @@ def test_a_page_tells_what_is_needed_from_what_only_helps() -> None:
 def test_a_page_leaves_out_columns_in_which_nothing_stands() -> None:
     page = plugin_page(REGISTRY.find("ariac_score.rules", "kitting.presence"))
 
-    assert "| parameter | type | default |\n" in page
+    assert "| parameter | meaning | type | default |\n" in page
     assert "## Needs" not in page
 
 

@@ -7,7 +7,6 @@ the plugins: nothing is stated here a second time.
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,6 +14,7 @@ from functools import cached_property
 from ariac_score.checks.contracts import Monitor
 from ariac_score.checks.findings import POINTS
 from ariac_score.checks.measures import measures_of
+from ariac_score.checks.parameters import parameter_meanings, sections_of
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.settings import settings_of
@@ -449,7 +449,7 @@ class _Book:
         for check, settings in settings_of(self.prepared).items():
             if check not in self.rules.sheet.priced:
                 continue
-            meanings = _meanings(type(self.prepared.checks[check].check))
+            meanings = parameter_meanings(type(self.prepared.checks[check].check))
             for each in settings.parameters:
                 named = each.name in self.rules.checks[check].named
                 given = each.origin == "rule_set" and each.value is not None
@@ -617,24 +617,11 @@ def _ways(when: Sequence[Mapping[str, str]]) -> str:
     return "; or ".join(said) if said else "in every other case"
 
 
-_SECTION = re.compile(r"^([A-Z][A-Za-z ]*):\n((?:(?:[ ]{4}.*)?\n)+)", re.MULTILINE)
-
-
 def _docstring(kind: type) -> tuple[str, str]:
     """What a plugin asks, and when that is violated, in its own words."""
     text = inspect.cleandoc(kind.__doc__ or "") + "\n"
-    sections = {match[1]: " ".join(match[2].split()) for match in _SECTION.finditer(text)}
-    return " ".join(text.partition("\n\n")[0].split()), sections.get("Violated when", "")
-
-
-_MEANING = re.compile(r"^(\w+): (.*(?:\n[ ]+.*)*)", re.MULTILINE)
-
-
-def _meanings(kind: type) -> dict[str, str]:
-    """What a plugin says of its parameters, by name."""
-    text = inspect.cleandoc(kind.__doc__ or "") + "\n"
-    stated = next((match[2] for match in _SECTION.finditer(text) if match[1] == "Attributes"), "")
-    return {match[1]: " ".join(match[2].split()) for match in _MEANING.finditer(inspect.cleandoc(stated))}
+    violated = " ".join(sections_of(kind).get("Violated when", "").split())
+    return " ".join(text.partition("\n\n")[0].split()), violated
 
 
 def _setting(value: object, unit: str) -> str:

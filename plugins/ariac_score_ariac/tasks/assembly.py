@@ -262,6 +262,9 @@ class AssemblyPart(_Briefcases):
         by exact types, P(0.02 m, 0.1 rad). 2022 as coded (`first_in_place`): the first
         product of the type that lies right, whatever its colour; no yaw test. Both as
         documented (`best_assignment`): 2 points for type and pose, 1 for the colour too.
+    Attributes:
+        compare: What of a part must be right.
+        matching: How parts are assigned to places.
     """
 
     compare: Literal["type", "type_and_pose", "type_pose_and_color"] = "type_and_pose"

@@ -48,6 +48,11 @@ class Presence:
         ARIAC 2017-2022, scoring: product presence; as coded, min(ordered, delivered)
         for each type. The abort: rulebook, section 4, code; that of 2020 as in
         AriacScorer.cpp of usnistgov/ARIAC@da4d2a8.
+    Attributes:
+        compare: What of a part must be right.
+        without_color: What a name without a colour is.
+        type_names: Which part of a name is the type.
+        counts_from: The version of the order since which submissions count.
     """
 
     compare: Literal["type", "type_and_color"] = "type_and_color"
@@ -205,6 +210,9 @@ class NoneMissing(_Counted):
     Source:
         ARIAC 2017-2022, scoring: the all-products bonus asks for it; 2022 as coded,
         assembly: types are not looked at.
+    Attributes:
+        type_names: Which part of a name is the type.
+        counts_from: The version of the order since which submissions count.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("shipment with missing parts", "shipments with missing parts")
@@ -234,6 +242,9 @@ class NoneUnwanted(_Counted):
         More were delivered than ordered.
     Source:
         ARIAC 2019-2022, scoring: the all-products bonus asks for it.
+    Attributes:
+        type_names: Which part of a name is the type.
+        counts_from: The version of the order since which submissions count.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("shipment with unwanted parts", "shipments with unwanted parts")
@@ -259,6 +270,9 @@ class RightNumber:
     Source:
         ARIAC 2017 and 2018 as coded: the all-parts bonus asks for it, so that a faulty
         product too many costs the bonus.
+    Attributes:
+        count_faulty: Whether faulty parts are counted.
+        counts_from: The version of the order since which submissions count.
     """
 
     mistake: ClassVar[tuple[str, str]] = (

@@ -21,6 +21,8 @@ class PositiveSensorCost(SensorCost):
     Source:
         ARIAC 2023 and 2024, evaluation scripts: the cost factor is the average cost
         divided by the team's own, and the program stops where that is 0.
+    Attributes:
+        free: Types that are placed without pay.
     """
 
     def watch(self, trial: Trial) -> Iterator[Finding]:

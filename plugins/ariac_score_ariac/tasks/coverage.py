@@ -23,6 +23,8 @@ class OnlyKitting:
         this check has no rules for it, and a score that left it out would be wrong.
     Source:
         Our own; guards rule sets that price some kinds of task only.
+    Attributes:
+        kinds: Kinds of task that the rules know.
     """
 
     mistake: ClassVar[tuple[str, str]] = (

@@ -30,6 +30,9 @@ class Submitted:
         None did, in a log that shows submissions.
     Source:
         ARIAC 2017-2022, "claiming" in the rulebook's coded section.
+    Attributes:
+        counts_from: The version of the order since which submissions count.
+        kind: Kind of task that it is about.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("shipment not submitted", "shipments not submitted")
@@ -62,6 +65,11 @@ class Destination:
     Source:
         ARIAC 2019-2022, scoring: a shipment on the wrong AGV is worth nothing. As
         coded: agv1 and agv2 in 2019 and 2020, agv1 to agv4 and as1 to as4 from 2021.
+    Attributes:
+        compare: What of the destination must be right.
+        known_agvs: AGVs that there are.
+        known_stations: Stations that there are.
+        kind: Kind of task that it is about.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("wrong destination", "wrong destinations")
@@ -137,6 +145,12 @@ class OrderTime:
         the time of the assemblies replaces that of the kits. As documented: the time
         taken to complete the order, measured from when it was first requested; 2023 and
         2024: its submission duration.
+    Attributes:
+        max_time_s: Longest time; 0: any.
+        until: Whether one kind of task or all of them end the time.
+        since: The version of the order whose announcement begins it.
+        counts_from: The version of the order since which submissions count.
+        kinds: Kinds of task whose time it is.
     """
 
     measures: ClassVar[Mapping[str, Measure]] = {

@@ -105,6 +105,10 @@ class InsertedPart:
     Source:
         ARIAC 2023 and 2024 as coded: 0.02 m and |dot| 0.95, every pair of one type. As
         documented: 15 degrees, one part for each slot.
+    Attributes:
+        compare: What of a part must be right.
+        max_distance_m: How far it may be from its place.
+        counting: Whether every part of the type is compared, or one for each place.
     """
 
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES

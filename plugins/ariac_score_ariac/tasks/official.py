@@ -65,6 +65,10 @@ class OfficialOrderScore:
     Source:
         ARIAC notes on log formats, sections 3 and 5: performance.log, trial_log.txt.
         What a crashed run is worth is our own choice: the official evaluation stops.
+    Attributes:
+        requires: What the official text must print.
+        priority_factor: What an order of high priority is multiplied by.
+        on_crash: What a run that crashed is worth.
     """
 
     reads_official = True
@@ -173,6 +177,9 @@ class OfficialTrialScore:
     Source:
         ARIAC notes on log formats, sections 3 and 5. A text that prints scores of orders
         only (2024) has their sum as total.
+    Attributes:
+        requires: What the official text must print.
+        on_crash: What a run that crashed is worth.
     """
 
     part_of: ClassVar[str] = "task"

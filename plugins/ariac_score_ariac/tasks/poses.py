@@ -141,6 +141,13 @@ class KitPose:
         and 2018 as coded: greedy, the delivered quaternion normalised, a yaw error at
         the limit passing. 2017 to 2022 as documented: within 3 cm and 0.1 rad, from
         2020 on whatever the colour.
+    Attributes:
+        heading_limit_passes: Whether a heading error at its limit passes.
+        normalise_delivered: Whether the delivered orientation is normalised first.
+        matching: How parts are assigned to places.
+        counts_from: The version of the order since which submissions count.
+        compare: What of a part must be right.
+        type_names: Which part of a name is the type.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("wrong pose", "wrong poses")
@@ -358,6 +365,9 @@ class TrayRight:
     Source:
         ARIAC 2022 as coded: 0.10 m and |dot| 0.95. As documented: 0.02 m and 0.1 rad,
         and without a tray a kit is worth nothing.
+    Attributes:
+        compare: What of the tray must be right.
+        max_distance_m: How far it may be from its place.
     """
 
     mistake: ClassVar[tuple[str, str]] = ("wrong tray", "wrong trays")

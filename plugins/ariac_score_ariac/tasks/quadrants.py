@@ -117,6 +117,8 @@ class TaskKind:
         Never: a task of another kind is not applicable, and so has no points.
     Source:
         ARIAC 2023 and 2024: kitting, assembly and combined tasks have their own prices.
+    Attributes:
+        kind: Kind of task that it is about.
     """
 
     kind: Literal["kitting", "assembly", "combined"] = "kitting"
@@ -180,6 +182,11 @@ class QuadrantPart:
         tan(0.2) (1 + z) from the middle counts as flipped (issue 347), and the task
         manager keeps one fault flag for each quadrant, not for each part. As
         documented: the axis alone, and `challenge_marks: part`.
+    Attributes:
+        compare: What of a part must be right.
+        max_tilt_rad: How far a part may be tilted.
+        flip_vector: Which vector tells that a part lies upside down.
+        challenge_marks: Whether a challenge makes one part faulty, or all of its quadrant.
     """
 
     measures: ClassVar[Mapping[str, Measure]] = {

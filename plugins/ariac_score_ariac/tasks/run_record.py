@@ -91,6 +91,8 @@ class RunRecord:
         numbers are those it began with.
     Source:
         ARIAC 2025, database, tables Run and Trial.
+    Attributes:
+        unfinished: What a run that was neither completed nor aborted gives.
     """
 
     part_of: ClassVar[str] = "task"

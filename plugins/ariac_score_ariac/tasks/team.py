@@ -40,6 +40,10 @@ class SensorCost:
     Source:
         Rulebooks 2017 to 2025, sensor prices; `free` types are placed without pay,
         `excluded` ones are not for teams, such as `quality_control` in 2017 to 2020.
+    Attributes:
+        excluded: Types that are not for teams.
+        take: Whether recorded or configured costs count.
+        free: Types that are placed without pay.
     """
 
     part_of: ClassVar[str] = "task"

@@ -35,6 +35,10 @@ class WrongColorPose:
     Source:
         ARIAC 2021 finals (a97e234 and later) and 2022 as coded: the loop over wrong
         colours stands inside the loop over exact types. Meant was `once`.
+    Attributes:
+        counting: How often such a pair counts.
+        without_color: What a name without a colour is.
+        type_names: Which part of a name is the type.
     """
 
     measures: ClassVar[Mapping[str, Measure]] = {
