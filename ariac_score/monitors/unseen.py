@@ -83,10 +83,14 @@ class Stream:
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         return cls(signal, (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S))
 
+    def edges(self, window: Span) -> FloatArray:
+        """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""
+        edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
+        return np.stack([edges[:-1][self.open], edges[1:][self.open]])
+
     def spans(self, window: Span) -> list[Span]:
         """The open intervals, as far as they lie in a window."""
-        edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
-        return [Span(float(edges[k]), float(edges[k + 1])) for k in np.flatnonzero(self.open)]
+        return [Span(float(start), float(end)) for start, end in self.edges(window).T]
 
 
 # Cells -----------------------------------------------------------------------------------------
@@ -118,13 +122,15 @@ def cells_of(
     """
     found = [np.array([window.start_s, window.end_s]), *measured]
     for stream in streams:
-        for span in stream.spans(window):
-            many = math.ceil(rate_m_s * span.duration_s / CELL_M) if math.isfinite(rate_m_s) else MOST_CELLS
-            count = min(max(many, LEAST_CELLS), MOST_CELLS)
-            found.append(np.linspace(span.start_s, span.end_s, count + 1))
-            found.append(np.array([min(span.start_s + INSTANT_S, span.end_s)]))
-            inside = stream.t[(stream.t >= span.start_s) & (stream.t <= span.end_s)]
-            found.append(inside)
+        starts, ends = stream.edges(window)
+        many = np.ceil(rate_m_s * (ends - starts) / CELL_M) if math.isfinite(rate_m_s) else MOST_CELLS
+        count = np.clip(many, LEAST_CELLS, MOST_CELLS) * np.ones(len(starts))
+        for cells in distinct(count):  # all intervals of as many cells at once
+            own = count == cells
+            shares = np.arange(cells + 1) / cells
+            found.append((starts[own, None] + (ends - starts)[own, None] * shares).ravel())
+        found += [np.minimum(starts + INSTANT_S, ends), ends]
+        found.append(stream.t[stream.open[1:] | stream.open[:-1]])
     t = distinct(np.concatenate(found))
     t = t[(t >= window.start_s) & (t <= window.end_s)]
     return Cells(t, np.append(t[1:], t[-1:]))

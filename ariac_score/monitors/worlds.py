@@ -436,22 +436,34 @@ def _kept(subject: str, monitor: Worsening) -> Finding:
 # Causes ----------------------------------------------------------------------------------------
 
 
+MOST_SPANS = 1000
+"""Of a cause, stretches that are kept; its text counts them all."""
+
+
 def _causes(
     opened: Sequence[Stream],
     window: Span,
     remarks: tuple[str, ...],
-    differing: Sequence[tuple[FloatArray, FloatArray]] | None,
+    differing: Sequence[tuple[FloatArray, FloatArray]] = (),
 ) -> tuple[Cause, ...]:
-    """Why something is open: the open intervals of each source, those first that matter."""
-    sources: dict[str, list[Span]] = {}
+    """Why something is open: for each source its open intervals in which the worlds differ, or all."""
+    sources: dict[str, list[FloatArray]] = {}
     for stream in opened:
-        sources.setdefault(stream.signal.source or stream.signal.name, []).extend(stream.spans(window))
+        sources.setdefault(stream.signal.source or stream.signal.name, []).append(stream.edges(window))
     found = []
-    for source, spans in sorted(sources.items()):
-        mattering = [span for span in _merged_equal(spans) if differing is None or _matters(span, differing)]
-        if mattering:
-            lengths = [1000.0 * span.duration_s for span in mattering]
-            found.append(Cause(f"{_gaps(lengths)} on {source}", source, tuple(mattering)))
+    for source, several in sorted(sources.items()):
+        # Signals of one message have the same intervals.
+        starts, ends = np.unique(np.concatenate(several, axis=1), axis=1)
+        matters = np.zeros(len(starts), dtype=bool)
+        for begins, until in differing:
+            row = np.searchsorted(until, starts, side="right")
+            matters |= (row < len(begins)) & (np.append(begins, np.inf)[row] < ends)
+        if matters.any() or not any(len(begins) for begins, _ in differing):
+            kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
+            spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
+            lengths = 1000.0 * (ends - starts)[kept]
+            stored = spans if len(spans) <= MOST_SPANS else _merged(spans)[:MOST_SPANS]
+            found.append(Cause(f"{_gaps(lengths.tolist())} on {source}", source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
 
 
@@ -460,15 +472,7 @@ def _causes_of(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, 
     sources = sorted({stream.signal.source or stream.signal.name for stream in opened})
     lengths = [1000.0 * span.duration_s for span in spans]
     source = sources[0] if len(sources) == 1 else ""
-    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans)),)
-
-
-def _merged_equal(spans: Iterable[Span]) -> list[Span]:
-    return sorted(set(spans))
-
-
-def _matters(span: Span, differing: Sequence[tuple[FloatArray, FloatArray]]) -> bool:
-    return any(((start < span.end_s) & (end > span.start_s)).any() for start, end in differing)
+    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans[:MOST_SPANS])),)
 
 
 def _gaps(lengths_ms: Sequence[float]) -> str:
