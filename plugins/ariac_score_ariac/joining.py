@@ -16,12 +16,14 @@ from ariac_score import (
     first_announced,
     only,
 )
+from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
 from ariac_score_ariac.stock.console import CONSOLE, CurrentScore, Said
 from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
 from ariac_score_ariac.stock.settling import Stock, stock_of
 from ariac_score_ariac.work import (
     FaultyProducts,
     KitSubmission,
+    OpenTasks,
     Order,
     SensorBill,
     Task,
@@ -31,7 +33,7 @@ from ariac_score_ariac.work import (
     submissions_of,
 )
 
-_READ_OFF = (Said, CurrentScore, RunStatus, HighPriority)
+_READ_OFF = (Said, CurrentScore, RunStatus, HighPriority, ServiceCall)
 """Records of which all that matters is joined: neither checks nor results need them."""
 _SAME_SUBMISSION_S = 2.0
 """A recorder and the simulator stamp one submission at most so far apart: a call waits, a kit is checked."""
@@ -68,6 +70,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     orders = tuple(_with_printed_priority(order, stock.official) for order in orders)
     submissions, from_stock = _submissions(parts, stock, file)
     defects += stock.defects if from_stock else []
+    defects += calls_without_content(parts)
     # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
     records = [record for part in parts for record in part.records] if from_stock else merged.records
     return replace(
@@ -78,7 +81,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
         official=_official(merged.official, stock.official, file),
         events=tuple(sorted({*merged.events, *stock.events})),
         witnessed=merged.witnessed - {CONSOLE} | stock.witnessed,
-        records=(*_each_once(records), *(stock.open if from_stock else ())),
+        records=(*_each_once(records), *(_still_open(stock, submissions) if from_stock else ())),
         log_defects=tuple(sorted(defects)),
     )
 
@@ -215,11 +218,29 @@ def _submissions(
     found = [(submissions_of(part), part.official is None) for part in parts if part.submissions]
     recorded = [group for group, of_recorder in found if of_recorder]
     _refuse_left_out([s for group in recorded for s in group], stock, file)
+    called = submissions_called(parts)
     if not recorded and (stock.submissions or stock.witnessed):
-        return stock.submissions, True
+        return _with_called(stock.submissions, called), True
     groups = recorded or [group for group, _ in found]
     with_contents = [group for group in groups if any(s.contents is not None for s in group)]
-    return only("submissions", with_contents or groups, file) or (), False
+    return only("submissions", with_contents or groups, file) or called, False
+
+
+def _with_called(
+    shown: Sequence[KitSubmission], called: Sequence[KitSubmission]
+) -> tuple[KitSubmission, ...]:
+    """What the simulator shows, and calls that it accepted of which it shows nothing."""
+    names = {s.item_id for s in shown}
+    more = [s for s in called if s.item_id not in names]
+    return tuple(sorted([*shown, *more], key=lambda s: s.submitted_s))
+
+
+def _still_open(stock: Stock, submissions: Sequence[KitSubmission]) -> Iterator[OpenTasks]:
+    """Tasks that nothing shows to have been handed in."""
+    known = {s.item_id for s in submissions}
+    for tasks in stock.open:
+        if tasks.ids - known:
+            yield replace(tasks, ids=tasks.ids - known)
 
 
 def _refuse_left_out(recorded: Sequence[KitSubmission], stock: Stock, file: object) -> None:

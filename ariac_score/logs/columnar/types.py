@@ -23,6 +23,7 @@ from ariac_score.errors import PluginError
 from ariac_score.logs.columnar import ColumnDecoder
 from ariac_score.logs.columnar.columns import UNDECODABLE
 from ariac_score.logs.columnar.plan import PlanError
+from ariac_score.logs.columnar.service_events import event_definition
 from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder, plain_definition, widened
 from ariac_score.logs.containers.items import Connection
 
@@ -221,8 +222,11 @@ def _types_of(name: str, definition_format: str, definition: str, unit: str) -> 
 
 def _parsed(name: str, definition_format: str, definition: str) -> Typesdict:
     if definition_format != "ros2idl":
-        return get_types_from_msg(definition, name)
-    types: Typesdict = {}
+        # rosbags takes every definition for that of a message.
+        of_message = name.replace("/srv/", "/msg/")
+        types = get_types_from_msg(event_definition(name, definition), of_message)
+        return types if of_message == name else {name: types.pop(of_message), **types}
+    types = {}
     for section in definition.split(_IDL_SEPARATOR):
         # rosbag2 puts a line `IDL: package/msg/Name` before each type, which is no IDL.
         head, _, body = section.partition("\n")

@@ -219,7 +219,10 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     if [kind for kind, _ in found] != ["table"] or "VIRTUAL" in str(found[0][1]).upper():
         return {}
     rows = bag.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-    return {str(name): (str(encoding), str(text)) for name, encoding, text in rows if text}
+    known = {str(name): (str(encoding), str(text)) for name, encoding, text in rows if text}
+    # Events of a service have the definition of the service, under its own name.
+    events = {f"{name}_Event": text for name, text in known.items() if "/srv/" in name}
+    return {**events, **known}
 
 
 def _damage(path: Path) -> str:
