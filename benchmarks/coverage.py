@@ -1,137 +1,224 @@
-"""How often do the intervals of a ranking hold? Simulated competitions with known truth.
+"""How often does a ranking tell equal teams apart? Simulated competitions with known truth.
 
-Six teams, two and two and two of equal ability. A score is the ability of the team, the
-difficulty of the trial, how well the team copes with that trial, and the luck of the run.
-For each row: how often the interval of a pair holds, how often all of a competition hold
-together, in how many competitions two teams are wrongly told apart, and the mean number of
-ranks an interval spans beyond one.
+Four teams, the first two equal and the last two equal, the pairs some way apart. For each kind of
+competition: in how many a false claim is made, of teams that are equal or the wrong way round, and how many
+of the true differences are found; on trials like these and on exactly these trials, and by paired t tests
+with Bonferroni's bound, for comparison. Where the same teams would do otherwise on other trials, a claim
+about exactly these trials is none about others: that column then stands in brackets.
 
-    python benchmarks/coverage.py [--rounds 300] [--draws 400]
+    python benchmarks/coverage.py [--rounds 500] [--only WORD]
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ariac_score.ranking.claims import told_apart
+from ariac_score.ranking.exact import Claim
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
-from ariac_score.ranking.spec import Intervals, Key, Spec
-from ariac_score.ranking.statistics import rank_statistics
+from ariac_score.ranking.resampling import student_quantile
+from ariac_score.ranking.spec import Key, Spec
 from ariac_score.scoring.expression import Expression
 
-ABILITY = (0.0, 0.0, 3.0, 3.0, 8.0, 8.0)
-MARKS = (3.0, 1.0, 2.0, 2.0, 1.0, 3.0)
-MIXED = "0.8 * rank(execution) + 0.2 * rank(judges)"
-DIGIT = Decimal("0.0001")
+TEAMS = ("a", "b", "c", "d")
+TRUE = {(one, other) for one in "cd" for other in "ab"}
+Chance = np.random.Generator
+Scores = list[list[NDArray[np.float64]]]
+"""For each team and trial the scores of its runs, in their order."""
 
 
 @dataclass(frozen=True)
-class Row:
+class Kind:
     """One kind of competition.
 
     Attributes:
+        name: In a few words.
         trials: How many.
-        keep: How many of five runs count.
-        between: Standard deviation of how a team copes with a trial.
-        within: Standard deviation of the luck of a run.
-        resample: What is drawn.
-        mixed: Whether ranks are mixed as in 2025.
+        runs: Of each team in each trial.
+        make: Scores of one competition.
+        keep: How many runs count.
+        elsewhere: Whether teams would do otherwise on other trials.
     """
 
+    name: str
     trials: int
-    keep: int
-    between: float
-    within: float
-    resample: str
-    mixed: bool = False
-
-    @property
-    def spec(self) -> Spec:
-        """How its runs become ranks."""
-        value = Expression.parse(MIXED if self.mixed else "execution")
-        by = (Key("score", highest=True),)
-        return Spec(self.keep, by, fill=True, judges="sum", value=value, highest=not self.mixed, ties=())
+    runs: tuple[int, int, int, int]
+    make: Callable[[Chance, Kind], Scores]
+    keep: int = 1
+    elsewhere: bool = False
 
 
-ROWS = [
-    Row(trials, keep, *spread, resample)
-    for trials in (3, 6, 15)
-    for keep in (1, 5)
-    for spread in ((1.0, 3.0), (3.0, 1.0))
-    for resample in ("trials_and_runs", "trials")
-]
-ROWS += [Row(6, keep, 0.0, 3.0, "runs") for keep in (5, 1)]
-ROWS += [Row(trials, 2, 2.0, 2.0, "trials_and_runs", mixed=True) for trials in (3, 6, 15)]
+def normal(gap: float = 2.5, spreads: tuple[float, ...] = (1, 1, 1, 1), copes: float = 0.0):  # type: ignore[no-untyped-def]
+    """Scores with normal luck; `copes` is how differently teams cope with trials."""
 
-
-def competition(row: Row, spec: Spec, chance: np.random.Generator) -> Ranking:
-    """One competition as it might have been held."""
-    names = [f"t{j}" for j in range(row.trials)]
-    hard = chance.normal(0, 3, row.trials)
-    outcomes, teams = [], []
-    for i, ability in enumerate(ABILITY):
-        cells = {}
-        for name, difficulty in zip(names, hard, strict=True):
-            copes = 100 + ability + difficulty + chance.normal(0, row.between)
-            scores = np.sort(copes + chance.normal(0, row.within, 5))[::-1]
-            runs = [Decimal(str(x)).quantize(DIGIT) for x in scores]
-            outcomes += [
-                RunOutcome(f"team{i}", name, k, "scored", score=x, kept=k <= row.keep)
-                for k, x in enumerate(runs, start=1)
+    def make(chance: Chance, kind: Kind) -> Scores:
+        hard = chance.normal(0, 3, kind.trials)
+        return [
+            [
+                hard[trial]
+                + gap * (team > 1)
+                + chance.normal(0, copes)
+                + chance.normal(0, spreads[team], kind.runs[team])
+                for trial in range(kind.trials)
             ]
-            mean = sum(runs[: row.keep], Decimal(0)) / row.keep
-            cells[name] = Cell(mean.quantize(Decimal("1e-9")), "scored", "", (1,), 5)
-        teams.append((f"team{i}", cells, sum((c.score for c in cells.values()), Decimal(0))))
-    marks = [Decimal(str(mark)) for mark in MARKS]
-    values = spec.values([{"execution": t[2], "judges": m} for t, m in zip(teams, marks, strict=True)])
-    standings = [
-        TeamRank(None, team, team, value, total, mark, {}, cells)
-        for (team, cells, total), value, mark in zip(teams, values, marks, strict=True)
-    ]
-    standings.sort(key=lambda s: (s.value or 0.0) * (-1 if spec.highest else 1))
-    return Ranking("made", "", ("", ""), tuple(names), tuple(standings), tuple(outcomes), None)
-
-
-def held(row: Row, rounds: int, draws: int) -> Iterator[tuple[float, bool, bool, float]]:
-    """For each competition: pairs that hold, whether all do, whether a claim is wrong, ranks spanned."""
-    chance = np.random.default_rng(5)
-    for number in range(rounds):
-        spec = Spec(**{**vars(row.spec), "intervals": Intervals(row.resample, draws, number)})
-        found = rank_statistics(competition(row, spec, chance), spec, 4)
-        means = [
-            {"execution": Decimal(str(ability * row.trials)), "judges": Decimal(str(mark))}
-            for ability, mark in zip(ABILITY, MARKS, strict=True)
+            for team in range(4)
         ]
-        sign = 1 if spec.highest else -1
-        truth = {f"team{i}": sign * (v or 0.0) for i, v in enumerate(spec.values(means))}
-        gaps = [(p, truth[p.first] - truth[p.second]) for p in found.pairs]
-        slack = 1e-6
-        yield (
-            float(np.mean([p.low - slack <= gap <= p.high + slack for p, gap in gaps])),
-            all(p.joint_low - slack <= gap <= p.joint_high + slack for p, gap in gaps),
-            any(p.distinguished and gap * p.joint_low <= slack for p, gap in gaps),
-            float(np.mean([odds.high - odds.low for odds in found.teams])),
-        )
+
+    return make
+
+
+def ties(chance: Chance, kind: Kind) -> Scores:
+    """Whole points of 0 to 3."""
+    return [
+        [
+            chance.binomial(3, 0.7 if team > 1 else 0.3, kind.runs[team]).astype(float)
+            for _ in range(kind.trials)
+        ]
+        for team in range(4)
+    ]
+
+
+def mostly_zero(chance: Chance, kind: Kind) -> Scores:
+    """Points in one run of five, or of two."""
+    return [
+        [
+            np.where(chance.random(kind.runs[team]) < (0.5 if team > 1 else 0.15), 10.0, 0.0)
+            for _ in range(kind.trials)
+        ]
+        for team in range(4)
+    ]
+
+
+def heavy(chance: Chance, kind: Kind) -> Scores:
+    """Student's distribution with 1.5 degrees of freedom."""
+    return [
+        [2.5 * (team > 1) + chance.standard_t(1.5, kind.runs[team]) for _ in range(kind.trials)]
+        for team in range(4)
+    ]
+
+
+def skewed(chance: Chance, kind: Kind) -> Scores:
+    """Equal means: always 1 point, or 10 in one run of ten."""
+    return [
+        [
+            np.full(kind.runs[team], 1.0)
+            if team % 2 == 0
+            else np.where(chance.random(kind.runs[team]) < 0.1, 10.0, 0.0)
+            for _ in range(kind.trials)
+        ]
+        for team in range(4)
+    ]
+
+
+def _alike(count: int) -> tuple[int, int, int, int]:
+    return count, count, count, count
+
+
+UNLIKE = (1.0, 4.0, 1.0, 4.0)
+KINDS = [
+    Kind("normal 6 x 3", 6, _alike(3), normal(), 3),
+    Kind("interacting 12 x 3", 12, _alike(3), normal(copes=2.0), 3, elsewhere=True),
+    Kind("heteroscedastic 8 x 3", 8, _alike(3), normal(spreads=UNLIKE), 3),
+    Kind("ties 8 x 1", 8, _alike(1), ties),
+    Kind("mostly zero 10 x 3", 10, _alike(3), mostly_zero, 3),
+    Kind("heavy tails 10 x 3", 10, _alike(3), heavy, 3),
+    Kind("1 x 1", 1, _alike(1), normal()),
+    Kind("1 x 5", 1, _alike(5), normal(), 5),
+    Kind("1 x 5, heteroscedastic", 1, _alike(5), normal(spreads=UNLIKE), 5),
+    Kind("2 x 1", 2, _alike(1), normal()),
+    Kind("2 x 1, ties", 2, _alike(1), ties),
+    Kind("3 x 1", 3, _alike(1), normal()),
+    Kind("3 x 1, ties", 3, _alike(1), ties),
+    Kind("3 x 3", 3, _alike(3), normal(), 3),
+    Kind("3 x 3, ties", 3, _alike(3), ties, 3),
+    Kind("3 x 3, interacting", 3, _alike(3), normal(copes=2.0), 3, elsewhere=True),
+    Kind("15 x 5", 15, _alike(5), normal(), 5),
+    Kind("15 x 5, interacting", 15, _alike(5), normal(copes=2.0), 5, elsewhere=True),
+    Kind("best of 5, 8 x 5", 8, _alike(5), normal()),
+    Kind("best of 5, mostly zero", 8, _alike(5), mostly_zero),
+    Kind("1 run against 5, best, 8", 8, (1, 5, 1, 5), normal()),
+    Kind("1 run against 5, best, 12", 12, (1, 5, 1, 5), normal()),
+    Kind("1 run against 5, means, 12", 12, (1, 5, 1, 5), normal(spreads=UNLIKE), 5),
+    Kind("equal means, one skewed, 10", 10, _alike(1), skewed),
+]
+
+
+def ranking(kind: Kind, scores: Scores) -> Ranking:
+    """The ranking of one competition."""
+    names = [f"t{trial}" for trial in range(kind.trials)]
+    outcomes, standings = [], []
+    for team, own in zip(TEAMS, scores, strict=True):
+        cells = {}
+        for name, runs in zip(names, own, strict=True):
+            rounded = [Decimal(f"{score:.3f}") for score in runs]
+            outcomes += [
+                RunOutcome(team, name, k, "scored", score=score, kept=True)
+                for k, score in enumerate(rounded, 1)
+            ]
+            best = sorted(rounded, reverse=True)[: kind.keep]
+            cells[name] = Cell(sum(best, Decimal(0)) / len(best), "scored", "", (1,), len(rounded))
+        total = sum((cell.score for cell in cells.values()), Decimal(0))
+        standings.append(TeamRank(None, team, team, total, total, None, {}, cells))
+    return Ranking("made", "", ("", ""), tuple(names), tuple(standings), tuple(outcomes), None)  # type: ignore[arg-type]
+
+
+def paired_t(found: Ranking) -> set[Claim]:
+    """Claims by a paired t test of the published scores of each trial, by Bonferroni's bound."""
+    claims = set()
+    scores = {s.team: np.array([float(cell.score) for cell in s.trials.values()]) for s in found.standings}
+    for one, other in permutations(scores, 2):
+        ahead = scores[one] - scores[other]
+        count = len(ahead)
+        if count > 1 and ahead.mean() > 0:
+            spread = float(ahead.std(ddof=1))
+            needed = student_quantile(count - 1, 1 - 2 * 0.05 / 12)
+            if ahead.mean() * math.sqrt(count) > needed * spread:
+                claims.add((one, other))
+    return claims
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--rounds", type=int, default=300)
-    parser.add_argument("--draws", type=int, default=400)
+    parser.add_argument("--rounds", type=int, default=500)
+    parser.add_argument("--only", default="")
     arguments = parser.parse_args()
-    print("trials keep between within resample         value     pair  together  wrong  ranks")
-    for row in ROWS:
-        pair, together, wrong, ranks = np.mean(list(held(row, arguments.rounds, arguments.draws)), axis=0)
-        value = "ranks" if row.mixed else "points"
+    print("| competition: trials x runs | like these: false | found | exactly these: false | found |", end="")
+    print(" paired t: false | found |")
+    print("|---|---|---|---|---|---|---|")
+    for kind in (kind for kind in KINDS if arguments.only in kind.name):
+        true = set() if kind.make is skewed else TRUE
+        chance = np.random.default_rng(5)
+        spec = Spec(
+            kind.keep,
+            (Key("score", highest=True),),
+            fill=False,
+            judges="sum",
+            value=Expression.parse("execution"),
+            highest=True,
+            ties=(),
+        )
+        counted = np.zeros((3, 2))
+        for _ in range(arguments.rounds):
+            made = ranking(kind, kind.make(chance, kind))
+            told = told_apart(made, spec, 3)
+            for number, claims in enumerate((told.told, told.told_here, paired_t(made))):
+                counted[number] += bool(set(claims) - true), len(set(claims) & true) / 4
+        like, here, by_t = (100 * counted / arguments.rounds).tolist()
+        shown = f"({here[0]:.1f} %)" if kind.elsewhere else f"{here[0]:.1f} %"
         print(
-            f"{row.trials:6} {row.keep:4} {row.between:7g} {row.within:6g} {row.resample:16} {value:7}"
-            f" {pair:6.3f} {together:9.3f} {wrong:6.3f} {ranks:6.2f}"
+            f"| {kind.name} | {like[0]:.1f} % | {like[1]:.0f} % | {shown} | {here[1]:.0f} % "
+            f"| {by_t[0]:.1f} % | {by_t[1]:.0f} % |",
+            flush=True,
         )
 
 

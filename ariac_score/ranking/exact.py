@@ -143,7 +143,7 @@ def draws_for(teams: int) -> int:
 
     Source: Phipson and Smyth (2010): a drawn p is at least 1 / (draws + 1).
     """
-    return max(40 * teams * (teams - 1), 9_999)
+    return max(40 * teams * (teams - 1), 1_999)
 
 
 def holm(chances: Mapping[Claim, Fraction], level: float = 0.95) -> frozenset[Claim]:

@@ -374,16 +374,6 @@ def _run(run: RunOutcome, stored: StoredResult | None) -> PublishedRun:
 # The version before ----------------------------------------------------------------------
 
 
-class _Pair2(Struct, frozen=True):
-    interval: tuple[float, float] | UnsetType = UNSET
-    joint_interval: tuple[float, float] | UnsetType = UNSET
-
-
-class _Statistics2(Struct, frozen=True):
-    resampled: str | None = None
-    pairs: tuple[_Pair2, ...] | UnsetType = UNSET
-
-
 class _Line2(Struct, frozen=True):
     team: str | UnsetType = UNSET
     score: float | UnsetType = UNSET
@@ -400,7 +390,6 @@ class _Run2(Struct, frozen=True):
 class _Adjusted2(Struct, frozen=True):
     adjustments: tuple[Decision1, ...] | UnsetType = UNSET
     runs: tuple[_Run2, ...] | UnsetType = UNSET
-    statistics: _Statistics2 | None = None
 
 
 class _Ranking2(Struct, frozen=True):
@@ -408,18 +397,16 @@ class _Ranking2(Struct, frozen=True):
 
     results: str | None = None
     cohort: dict[str, Any] | None = None
-    statistics: _Statistics2 | None = None
     strict: _Strict2 | None = None
     adjusted: _Adjusted2 | None = None
 
 
 def _from_2(data: dict[str, Any]) -> dict[str, Any]:
-    """`ranking/2` as `ranking/3`: intervals by name, decisions flat, teams and sums as pairs."""
+    """`ranking/2` as `ranking/3`: decisions flat, teams and sums as pairs; `_from_3` drops the statistics."""
     data = {**data, "how": data["ranking"], "folder": data["results"] or ""}
     del data["ranking"], data["results"]
     if data["cohort"] is not None:
         data["cohort"] = {key: value for key, value in data["cohort"].items() if key != "schema"}
-    data["statistics"] = _statistics_from_2(data["statistics"])
     data["strict"] = _strict_from_2(data["strict"])
     adjusted = data.get("adjusted")
     data["adjusted"] = adjusted and _adjusted_from_2(adjusted)
@@ -439,7 +426,6 @@ def _adjusted_from_2(data: Mapping[str, Any]) -> dict[str, Any]:
         **data,
         "adjustments": decisions,
         "runs": [_decided_from_2(run, decisions) for run in data["runs"]],
-        "statistics": _statistics_from_2(data["statistics"]),
     }
 
 
@@ -461,27 +447,20 @@ def _decided_from_2(run: Mapping[str, Any], decisions: Sequence[Mapping[str, Any
     return {**run, "decisions": [decision.id for decision in own]} if own else dict(run)
 
 
-def _statistics_from_2(data: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if data is None:
-        return None
-    data = dict(data)
-    intervals, resample = data.pop("declared"), data.pop("resampled") or ""
-    pairs = [_pair_from_2(pair) for pair in data["pairs"]]
-    return {**data, "intervals": intervals, "resample": resample, "pairs": pairs}
+def _from_3(data: dict[str, Any]) -> dict[str, Any]:
+    """`ranking/3` as `ranking/4`, without its statistics.
 
-
-def _pair_from_2(pair: Mapping[str, Any]) -> dict[str, Any]:
-    pair = dict(pair)
-    (low, high), (joint_low, joint_high) = pair.pop("interval"), pair.pop("joint_interval")
-    del pair["told_apart"]  # it follows from the interval that holds for all pairs together
-    return {**pair, "low": low, "high": high, "joint_low": joint_low, "joint_high": joint_high}
+    They told equal teams apart where trials were few, and nothing that was stored mends that: rank again.
+    """
+    adjusted = data.get("adjusted")
+    return {**data, "statistics": None, "adjusted": adjusted and {**adjusted, "statistics": None}}
 
 
 PUBLICATION = Format(
     "ranking",
-    3,
+    4,
     Publication,
-    before={2: _from_2},
+    before={2: _from_2, 3: _from_3},
     shapes={2: _Ranking2},
     made_by="'rank -o FILE.json'",
 )

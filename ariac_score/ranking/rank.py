@@ -43,6 +43,7 @@ from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = [
+    "AS_ZERO",
     "OUTCOMES",
     "Cell",
     "Outcome",
@@ -74,7 +75,8 @@ OUTCOMES: Mapping[str, str] = {
 """How a run, or a team's trial, can end."""
 Outcome = Annotated[str, Meta(pattern=f"^({'|'.join(OUTCOMES)})$")]
 # Without "aborted": such a run has a score, and that stands.
-_AS_ZERO = ("crashed", "cancelled", "disqualified")
+AS_ZERO = ("crashed", "cancelled", "disqualified")
+"""These have no score of their own, and count 0 or the worst of their trial."""
 
 
 @dataclass(frozen=True)
@@ -282,7 +284,7 @@ def rank_again(
         replace(run, score=None) if scored_later and run.task is not None else run for run in outcomes
     ]
     kept = {run.key for best in _kept(comparable, spec).values() for run in best}
-    counting = ("scored", "aborted", *_AS_ZERO)
+    counting = ("scored", "aborted", *AS_ZERO)
     outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
     return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
 
@@ -332,7 +334,7 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
         return RunOutcome(*key, outcome, _error_text(result))
     official = result.measured.official
     ended = official.outcome if official else ""
-    if ended in _AS_ZERO:
+    if ended in AS_ZERO:
         return RunOutcome(*key, ended, OUTCOMES[ended], task=Decimal(0), score=Decimal(0), result=result)
     if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
         return RunOutcome(*key, "undecided", _undecided(result), result=result, open=_ends(result))
@@ -398,7 +400,7 @@ def merit(run: RunOutcome, spec: Spec) -> tuple[bool, list[tuple[int, float | De
     # A crashed run counts 0, which is more than a run with penalties may have: by its score alone it
     # would be kept in place of one that drove.
     own: Mapping[str, float | Decimal | None] = {"task": run.task, "score": run.score, **run.terms}
-    return run.outcome in _AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
+    return run.outcome in AS_ZERO, [key.sortable(own.get(key.name)) for key in spec.by], run.number
 
 
 def _cohort(
@@ -417,7 +419,7 @@ def _cohort(
 
 
 def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
-    if run.result is None or run.outcome in _AS_ZERO:
+    if run.result is None or run.outcome in AS_ZERO:
         return Contributed((), {})
     try:
         return contributed(run.result.measured, rule_set)
@@ -464,7 +466,7 @@ def _priced(
     """A run with its score, where the rules compare teams or runs, and whether it is kept."""
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
     pool = pools.get((run.team, run.trial))
-    if run.result is None or run.outcome in (*_AS_ZERO, "undecided", "no_value"):
+    if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
         return replace(run, kept=counts)
     if isinstance(pool, str):
         return replace(run, outcome="undecided", cause=pool, score=None, kept=False)
@@ -488,7 +490,7 @@ def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec)
     out = {team.id for team in competition.teams if team.disqualified}
     scores: dict[str, list[Decimal]] = {trial.id: [Decimal(0)] for trial in competition.trials}
     for run in outcomes:
-        known = run.kept and run.score is not None and run.outcome not in _AS_ZERO
+        known = run.kept and run.score is not None and run.outcome not in AS_ZERO
         if known and run.trial in scores and run.team not in out:
             assert run.score is not None  # `known` says so
             scores[run.trial].append(run.score)
@@ -500,7 +502,7 @@ def _counting(cause: str, worst: Decimal) -> str:
 
 
 def _at_worst(run: RunOutcome, worst: Decimal) -> RunOutcome:
-    return replace(run, score=worst, worst=worst) if run.outcome in _AS_ZERO and worst else run
+    return replace(run, score=worst, worst=worst) if run.outcome in AS_ZERO and worst else run
 
 
 def _at_zero(run: RunOutcome) -> RunOutcome:
@@ -520,7 +522,7 @@ def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -
         total += worst * (spec.keep - len(kept))
     mean = total / (spec.keep if spec.fill else len(kept))
     score = mean.quantize(Decimal(1).scaleb(-cell_digits(spec, digits)), rounding=ROUND_HALF_EVEN)
-    zeros = [run for run in kept if run.outcome in _AS_ZERO]
+    zeros = [run for run in kept if run.outcome in AS_ZERO]
     outcome, reason = (zeros[0].outcome, zeros[0].reason) if len(zeros) == len(kept) else ("scored", "")
     return Cell(score, outcome, reason, tuple(sorted(run.number for run in kept)), len(runs))
 

@@ -1,31 +1,35 @@
-"""How sure a ranking is: rank intervals, chances of each rank, groups of indistinguishable teams.
+"""How sure a ranking is: who is told apart, which ranks each team may have, who cannot be distinguished.
 
-Computed from competitions drawn from the runs of this one (`resampling`). The ranking
-itself is the estimate; nothing here changes it. docs/ranking.md describes the method and
-how often the intervals hold in simulations.
+Claims come from exact tests (`claims`). From enough trials on, competitions drawn from the runs of this one
+(`resampling`) describe it: intervals, and chances of each rank. The ranking itself is the estimate; nothing
+here changes it. docs/ranking.md describes the method and how often claims are wrong in simulations.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
+from fractions import Fraction
+from itertools import combinations
 
 import numpy as np
 
 from ariac_score.errors import FormulaError
+from ariac_score.ranking.claims import MOST_DEALT, Told, told_apart
+from ariac_score.ranking.exact import Claim, fewest_trials, rank_sets
 from ariac_score.ranking.rank import Ranking
-from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, student_quantile, widening
+from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, widening
 from ariac_score.ranking.spec import FloatArray, IntArray, Intervals, Spec, places
 from ariac_score.results.result import canonical
 from ariac_score.scoring.decimals import in_own_decimals
+from ariac_score.scoring.expression import Number
 
 __all__ = ["Group", "Pair", "Statistics", "TeamOdds", "rank_statistics"]
 
-FEW_TRIALS = 8
-"""With fewer trials a note warns; docs/ranking.md shows how wide the intervals of 3 and 6 are."""
-METHOD = "bootstrap by trial and run, paired between teams; PCG64"
+DESCRIBED_FROM = 15
+"""Competitions drawn from fewer trials repeat each other, and may differ by nothing at all."""
+METHOD = "sign flip over trials, runs dealt anew within trials, Holm; bootstrap by trial and run; PCG64"
 
 
 @dataclass(frozen=True)
@@ -34,32 +38,42 @@ class TeamOdds:
 
     Attributes:
         team: Id.
-        rank_low: Best rank it may have.
+        rank_low: Best rank it may have on trials like these; those of all teams hold together.
         rank_high: Worst rank it may have.
+        here_low: Best rank it may have on exactly these trials, run again.
+        here_high: Worst rank it may have there.
         chances: The share of draws in which it has each rank, from the first on; of a shared
-            rank the first counts.
-        execution: Interval of its sum over the trials, in points.
+            rank the first counts. Empty where too few trials describe anything.
+        execution: Interval of its sum over the trials, in points; `None` likewise.
     """
 
     team: str
     rank_low: int
     rank_high: int
-    chances: tuple[float, ...]
-    execution: tuple[float, float]
+    here_low: int
+    here_high: int
+    chances: tuple[float, ...] = ()
+    execution: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Pair:
-    """By how much one team is ahead of another in what they are ranked by.
+    """By how much one team is ahead of another in what they are ranked by, and whether that is told.
 
     Attributes:
         first: The team that is ranked higher, or listed before.
         second: The other.
         ahead: By how much, as published; positive where the first is better.
-        low: Lower end of the interval for this pair alone.
+        p: How often swapping their results within trials gives at least the difference that there was.
+        p_back: The same for the second team being better.
+        told: The team that is told to be better on trials like these, all claims together at the declared
+            level; empty: they cannot be told apart.
+        p_here: How often dealing the runs of these trials anew gives at least the difference that there was;
+            `None` where that was not asked.
+        p_here_back: The same for the second team being better.
+        told_here: The team that is told to be better on exactly these trials.
+        low: Lower end of the interval for this pair alone; `None` where too few trials describe anything.
         high: Its upper end.
-        joint_low: Lower end where all pairs are to hold together.
-        joint_high: Its upper end.
         chance: The share of draws in which the first team comes before the second; draws with a
             shared rank count half.
     """
@@ -67,16 +81,20 @@ class Pair:
     first: str
     second: str
     ahead: float
-    low: float
-    high: float
-    joint_low: float
-    joint_high: float
-    chance: float
+    p: float
+    p_back: float
+    told: str = ""
+    p_here: float | None = None
+    p_here_back: float | None = None
+    told_here: str = ""
+    low: float | None = None
+    high: float | None = None
+    chance: float | None = None
 
     @property
     def distinguished(self) -> bool:
         """Whether the difference holds at the declared level, together with all others."""
-        return self.joint_low > 0 or self.joint_high < 0
+        return bool(self.told)
 
 
 @dataclass(frozen=True)
@@ -98,11 +116,11 @@ class Statistics:
 
     Attributes:
         intervals: As declared.
-        method: How competitions were drawn.
-        resample: What was drawn; with a single trial only runs can be.
+        method: How teams were told apart, and competitions drawn.
+        resample: What was drawn; empty where nothing was, because too few trials describe anything.
         widened_by: The factor on deviations, because few trials or runs were drawn from.
         notes: What a reader must know.
-        teams: In the order of the ranking; empty where there is nothing to draw from.
+        teams: In the order of the ranking; empty where no run has a score.
         pairs: Each two teams once.
         groups: Best first; neighbouring ones may overlap.
     """
@@ -128,72 +146,110 @@ def rank_statistics(ranking: Ranking, spec: Spec, digits: int) -> Statistics:
     """
     declared = spec.intervals
     runs = sampled(ranking, spec, digits)
-    plan = _plan(runs, declared)
-    if isinstance(plan, str):
-        return Statistics(declared, notes=(plan,))
-    resample, count, degrees = plan
-    widened_by = widening(count, degrees, declared.level)
-    drawn = draw(runs, spec, resample)
-    execution = _widened(runs, drawn, spec, widened_by)
-    published = np.array([s.value for s in ranking.standings if s.value is not None], dtype=np.float64)
-    try:
-        value = spec.columns(runs.amount(execution), runs.judges)
-    except FormulaError as error:
-        return Statistics(declared, notes=(f"in some draws the value cannot be had: {error.cause}",))
-    sign = 1.0 if spec.highest else -1.0
-    value, published = sign * value, sign * published
-    # As a tie-break the execution has its own direction. It is taken after widening, as the value is:
-    # otherwise a team could have more execution in the value and less in the tie-break of one draw.
-    sums = next((key.highest for key in spec.ties if key.name == "execution"), True)
-    own = runs.amount(execution) if sums else -runs.amount(execution)
-    keys = [value, *(own if key is None else key for key in drawn.ties)]
-    ranks = places(keys)
-    pairs = _pairs(runs.teams, value, published, ranks, _Level(declared.level, degrees))
+    if not runs.counts.any():
+        return Statistics(
+            declared, notes=("no run of a ranked team has a score, so there is nothing to tell",)
+        )
+    told = told_apart(ranking, spec, digits)
+    published = {s.team: s.value for s in ranking.standings if s.value is not None}
+    pairs = _pairs(runs.teams, published, told, highest=spec.highest)
+    described = _described(runs, spec)
+    if isinstance(described, _Described):
+        pairs = tuple(_with_interval(pair, runs.teams, described, declared.level) for pair in pairs)
     return Statistics(
         intervals=declared,
-        resample=resample,
-        widened_by=widened_by,
-        notes=tuple(_notes(runs, declared, resample, count)),
-        teams=_odds(runs, execution, ranks, pairs, declared.level),
+        resample=described.resample if isinstance(described, _Described) else "",
+        widened_by=described.widened_by if isinstance(described, _Described) else 1.0,
+        notes=tuple(_notes(ranking, runs, spec, told, described)),
+        teams=_odds(runs, told, described if isinstance(described, _Described) else None, declared.level),
         pairs=pairs,
         groups=_groups(runs.teams, pairs),
     )
 
 
-# What to draw --------------------------------------------------------------------------
+def _notes(
+    ranking: Ranking, runs: Sampled, spec: Spec, told: Told, described: _Described | str
+) -> Iterator[str]:
+    teams = len(runs.teams)
+    least = fewest_trials(teams, spec.intervals.level)
+    if teams > 1 and told.differing < least:
+        had = "1 trial" if told.differing == 1 else f"{told.differing} trials"
+        yield (
+            f"{had} in which two teams differ: no number of points could have told {teams} teams apart on "
+            f"trials like these, which takes {least}"
+        )
+    if teams > 1 and (runs.counts <= 1).all():
+        yield "every trial was run once: nothing tells how another day would have gone on these trials"
+    elif teams > MOST_DEALT:
+        yield f"of more than {MOST_DEALT} teams nothing is told about exactly these trials"
+    if spec.value.source.strip() != "execution":
+        yield (
+            f"teams are ranked by {spec.value.source}; who is told apart, and the ranks that follow, is "
+            "about the points alone"
+        )
+    sets = rank_sets(runs.teams, told.told)
+    ranks = {s.team: s.rank for s in ranking.standings}
+    if any((own := ranks[team]) is not None and not low <= own <= high for team, (low, high) in sets.items()):
+        yield (
+            "like with like another order is told than is published: teams ran a trial differently often, or "
+            "are ranked by more than their points"
+        )
+    if isinstance(described, str):
+        yield described
 
 
-def _plan(runs: Sampled, declared: Intervals) -> tuple[str, int, int] | str:
-    """What is drawn, from how many, with how many degrees of freedom; or why nothing can be drawn."""
-    made = runs.counts[runs.counts > 0]
-    if not len(made):
-        return "no run of a ranked team has a score, so there is nothing to draw from"
+# What describes a ranking -----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Described:
+    """Competitions drawn, deviations widened.
+
+    Attributes:
+        resample: What was drawn.
+        widened_by: The factor on deviations.
+        execution: Shape (teams, draws), in units.
+        value: What teams are ranked by, more is better, shape (teams, draws).
+        ranks: Shape (teams, draws).
+    """
+
+    resample: str
+    widened_by: float
+    execution: IntArray
+    value: FloatArray
+    ranks: IntArray
+
+
+def _described(runs: Sampled, spec: Spec) -> _Described | str:
+    """Competitions drawn; or why they would describe nothing."""
+    declared = spec.intervals
     # A trial that nobody ran varies nothing, so it is none of those that are drawn from.
     trials = int(np.count_nonzero((runs.counts > 0).any(axis=0)))
-    if declared.resample != "runs" and trials > 1:
-        return declared.resample, trials, trials - 1
-    several = made[made > 1]
-    if declared.resample == "trials" or not len(several):
-        what = "one trial" if trials == 1 else f"{trials} trials"
-        each = "" if declared.resample == "trials" else " and one run of each"
-        return f"{what}{each}: nothing tells how much of it is chance"
-    return "runs", int(several.min()), int((several - 1).sum()) // max(len(runs.teams), 1) or 1
-
-
-def _notes(runs: Sampled, declared: Intervals, resample: str, count: int) -> list[str]:
-    notes = []
-    if resample != declared.resample:
-        notes.append("there is one trial only, so that runs are drawn: about other trials nothing is said")
-    elif resample != "runs" and count < FEW_TRIALS:
-        notes.append(
-            f"{count} trials are few: what they cannot tell apart may still differ, "
-            f"and intervals are {widening(count, count - 1, declared.level):.3g} times as wide as the draws"
-        )
-    alone = int(np.count_nonzero(runs.counts == 1))
-    if resample != "trials" and alone:
-        trials = "a trial has" if alone == 1 else f"{alone} trials of teams have"
-        notes.append(f"{trials} one run only, of which no other can be drawn")
-    return notes
+    if trials < DESCRIBED_FROM:
+        return f"intervals and chances of ranks are left out: they take {DESCRIBED_FROM} trials"
+    several = runs.counts[runs.counts > 1]
+    count, degrees = trials, trials - 1
+    if declared.resample == "runs":
+        if not len(several):
+            return "intervals and chances of ranks are left out: of one run no other can be drawn"
+        count, degrees = int(several.min()), int((several - 1).sum()) // max(len(runs.teams), 1) or 1
+    widened_by = widening(count, degrees, declared.level)
+    drawn = draw(runs, spec, declared.resample)
+    execution = _widened(runs, drawn, spec, widened_by)
+    try:
+        value = spec.columns(runs.amount(execution), runs.judges)
+    except FormulaError as error:
+        return f"in some draws the value cannot be had: {error.cause}"
+    value = value if spec.highest else -value
+    alike = (len(np.unique(value[a] - value[b])) == 1 for a, b in combinations(range(len(value)), 2))
+    if not drawn.ties and any(alike):
+        return "intervals and chances of ranks are left out: between some teams no draw differs from another"
+    # As a tie-break the execution has its own direction. It is taken after widening, as the value is:
+    # otherwise a team could have more execution in the value and less in the tie-break of one draw.
+    sums = next((key.highest for key in spec.ties if key.name == "execution"), True)
+    own = runs.amount(execution) if sums else -runs.amount(execution)
+    keys = [value, *(own if key is None else key for key in drawn.ties)]
+    return _Described(declared.resample, widened_by, execution, value, places(keys))
 
 
 def _widened(runs: Sampled, drawn: Draws, spec: Spec, by: float) -> IntArray:
@@ -210,119 +266,71 @@ def _widened(runs: Sampled, drawn: Draws, spec: Spec, by: float) -> IntArray:
     return wide
 
 
-# What the draws say --------------------------------------------------------------------
-
-
-class _Level:
-    """A declared level, for one statement and for many together."""
-
-    def __init__(self, level: float, degrees: int) -> None:
-        self.level, self.degrees = level, degrees
-
-    def joint(self, largest: FloatArray) -> float:
-        """The half width, in standard deviations, with which all intervals hold together.
-
-        The level that a single interval must have for all to hold is read off the draws;
-        with few degrees of freedom its width is that of Student's distribution.
-
-        Source: Romano and Wolf, Stepwise Multiple Testing, Econometrica 73 (2005): max-t from draws.
-
-        Args:
-            largest: For each draw the largest deviation of all, in standard deviations.
-        """
-        if not largest.any():
-            return 0.0
-        drawn = float(_quantile(largest, self.level))
-        single = min(max(2 * NormalDist().cdf(drawn) - 1, self.level), 1 - 1e-9)
-        wider = student_quantile(self.degrees, single) / NormalDist().inv_cdf((1 + single) / 2)
-        own = student_quantile(self.degrees, self.level) / NormalDist().inv_cdf((1 + self.level) / 2)
-        return max(drawn, 0.0) * wider / own
-
-
-def _quantile(values: FloatArray, share: float) -> float:
-    """The smallest drawn value that this share of the values does not exceed."""
-    # Rounded first, because a product such as 250.00000000000023 must not become 251.
-    place = min(max(math.ceil(round(share * len(values), 6)) - 1, 0), len(values) - 1)
-    return float(np.partition(values, place)[place])
-
-
 def _ends(values: FloatArray, level: float) -> tuple[float, float]:
     """The interval that leaves out equal shares of the draws below and above."""
     count = len(values)
+    # Rounded first, because a product such as 250.00000000000023 must not become 251.
     low = min(max(math.ceil(round((1 - level) / 2 * count, 6)) - 1, 0), count - 1)
     high = min(max(math.ceil(round((1 + level) / 2 * count, 6)) - 1, 0), count - 1)
     ordered = np.partition(values, (low, high))
     return float(ordered[low]), float(ordered[high])
 
 
+def _with_interval(pair: Pair, teams: Sequence[str], described: _Described, level: float) -> Pair:
+    one, other = teams.index(pair.first), teams.index(pair.second)
+    difference, ranks = described.value[one] - described.value[other], described.ranks
+    low, high = _ends(difference, level)
+    before = np.count_nonzero(ranks[one] < ranks[other])
+    shared = np.count_nonzero(ranks[one] == ranks[other])
+    chance = float((before + shared / 2) / len(difference))
+    return replace(pair, low=canonical(low), high=canonical(high), chance=chance)
+
+
+# What is told -----------------------------------------------------------------------------
+
+
 def _pairs(
-    teams: Sequence[str], value: FloatArray, published: FloatArray, ranks: IntArray, level: _Level
+    teams: Sequence[str], published: Mapping[str, Number], told: Told, *, highest: bool
 ) -> tuple[Pair, ...]:
-    largest = np.zeros(value.shape[1])
-    found: list[tuple[Pair, float]] = []
-    for one in range(len(teams)):
-        for other in range(one + 1, len(teams)):
-            difference = value[one] - value[other]
-            ahead = float(published[one] - published[other])
-            deviation = np.abs(difference - ahead)
-            # Around the published difference, not the mean of the draws: the interval is centred there.
-            spread = math.sqrt(_added(deviation * deviation) / len(deviation))
-            if spread > 0:
-                np.maximum(largest, deviation / spread, out=largest)
-            low, high = _ends(difference, level.level)
-            before = np.count_nonzero(ranks[one] < ranks[other])
-            shared = np.count_nonzero(ranks[one] == ranks[other])
-            chance = float((before + shared / 2) / len(difference))
-            pair = Pair(
-                teams[one], teams[other], canonical(ahead), canonical(low), canonical(high), 0.0, 0.0, chance
-            )
-            found.append((pair, spread))
-    times = level.joint(largest)
+    def better(claims: Collection[Claim], one: str, other: str) -> str:
+        return one if (one, other) in claims else other if (other, one) in claims else ""
+
+    def p(tests: Mapping[Claim, Fraction], claim: Claim) -> float | None:
+        return canonical(float(tests[claim])) if claim in tests else None
+
+    sign = 1 if highest else -1
     return tuple(
-        replace(
-            pair,
-            joint_low=canonical(pair.ahead - times * spread),
-            joint_high=canonical(pair.ahead + times * spread),
+        Pair(
+            one,
+            other,
+            canonical(sign * (float(published[one]) - float(published[other]))),
+            canonical(float(told.on_like_trials[one, other])),
+            canonical(float(told.on_like_trials[other, one])),
+            better(told.told, one, other),
+            p(told.on_these_trials, (one, other)),
+            p(told.on_these_trials, (other, one)),
+            better(told.told_here, one, other),
         )
-        for pair, spread in found
+        for one, other in combinations(teams, 2)
     )
 
 
-def _added(values: FloatArray) -> float:
-    """The sum, added pairwise: numpy's own order of addition differs between machines and versions."""
-    while len(values) > 1:
-        if len(values) % 2:
-            values = np.append(values, 0.0)
-        values = values[0::2] + values[1::2]
-    return float(values[0]) if len(values) else 0.0
-
-
-def _odds(
-    runs: Sampled, execution: IntArray, ranks: IntArray, pairs: Sequence[Pair], level: float
-) -> tuple[TeamOdds, ...]:
-    # Ranks come from the joint intervals of differences. Quantiles of the drawn ranks would be simpler, but
-    # the bootstrap of a rank is not consistent where teams are equal (Hall and Miller, docs/ranking.md).
+def _odds(runs: Sampled, told: Told, described: _Described | None, level: float) -> tuple[TeamOdds, ...]:
+    like, here = rank_sets(runs.teams, told.told), rank_sets(runs.teams, told.told_here)
     count = len(runs.teams)
-    ahead = dict.fromkeys(runs.teams, 0)
-    behind = dict.fromkeys(runs.teams, 0)
-    for pair in pairs:
-        if pair.distinguished:
-            better, worse = (pair.first, pair.second) if pair.joint_low > 0 else (pair.second, pair.first)
-            ahead[worse] += 1
-            behind[better] += 1
     found = []
     for number, team in enumerate(runs.teams):
-        chances = np.bincount(ranks[number] - 1, minlength=count) / ranks.shape[1]
-        low, high = _ends(runs.amount(execution[number]), level)
-        found.append(
-            TeamOdds(
-                team,
-                1 + ahead[team],
-                count - behind[team],
-                tuple(float(chance) for chance in chances),
-                (canonical(low), canonical(high)),
+        odds = TeamOdds(team, *like[team], *here[team])
+        if described is not None:
+            ranks = described.ranks
+            chances = np.bincount(ranks[number] - 1, minlength=count) / ranks.shape[1]
+            low, high = _ends(runs.amount(described.execution[number]), level)
+            odds = replace(
+                odds,
+                chances=tuple(float(chance) for chance in chances),
+                execution=(canonical(low), canonical(high)),
             )
-        )
+        found.append(odds)
     return tuple(found)
 
 

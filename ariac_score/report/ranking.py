@@ -150,20 +150,25 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
     level = f"{100 * statistics.intervals.level:g} %"
     yield style("How sure" if ranking.stewarded is None else "How sure, as adjusted", "bold")
     if statistics.teams:
-        yield style(
-            f"  {statistics.intervals.draws} competitions drawn by {DRAWN[statistics.resample]}, "
-            f"seed {statistics.intervals.seed}; at {level}, all together",
-            "dim",
+        drawn = (
+            f"; chances from {statistics.intervals.draws} competitions drawn by "
+            f"{DRAWN[statistics.resample]}, seed {statistics.intervals.seed}"
+            if statistics.resample
+            else ""
         )
+        yield style(f"  ranks that all hold together at {level}, on trials like these{drawn}", "dim")
+    asked = any(pair.p_here is not None for pair in statistics.pairs)
     for odds in statistics.teams:
+        here = f"; on exactly these trials {_from_to(odds.here_low, odds.here_high)}" if asked else ""
         chances = ", ".join(
             f"{rank} in {_percent(chance)}" for rank, chance in enumerate(odds.chances, 1) if chance >= 0.005
         )
-        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.rank_low, odds.rank_high)}; {chances}"
+        drawn = f"; {chances}" if chances else ""
+        yield f"  {plain(names[odds.team])}: rank {_from_to(odds.rank_low, odds.rank_high)}{here}{drawn}"
     for group in statistics.groups:
         if len(group.teams) > 1:
             teams = ", ".join(plain(names[team]) for team in group.teams)
-            yield f"  no clear difference between: {teams}"
+            yield f"  cannot be told apart: {teams}"
     yield from (style(f"  {plain(note)}", "dim") for note in statistics.notes)
     for standing in final_ranking(ranking).standings:
         if standing.separated_by not in ("", "value"):

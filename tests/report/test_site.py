@@ -121,7 +121,7 @@ def test_the_page_shows_what_the_ranking_says(site: Path) -> None:
     for team in ("Team Borealis", "Team Aurora", "Team Cygnus"):
         assert team in text
     assert 'title="151.59789795">151.60<' in page
-    assert "3 trials are few" in text
+    assert "no number of points could have told 3 teams apart" in text
     assert "The rules price no check of safety, so these scores say nothing about it." in text
     assert "Violations by standard and clause" in text
     assert "No previous publication was given" in text
@@ -416,7 +416,6 @@ def test_one_team_has_nobody_to_be_compared_with(tmp_path: Path) -> None:
 
     text = made(folder, tmp_path)
     assert "There is only one team, so there is nobody to compare it with." in text
-    assert "100 %" in text
 
 
 def test_teams_all_tied_share_the_first_rank(tmp_path: Path) -> None:

@@ -235,12 +235,8 @@ def test_a_published_ranking_is_read_and_written_as_it_is_today(tmp_path: Path) 
     assert [(s.rank, s.team, float(s.execution)) for s in found.final.standings] == [
         (s["rank"], s["team"], s["execution"]) for s in stored["adjusted"]["standings"]
     ]
-    pair, then = found.statistics.pairs[0], stored["statistics"]["pairs"][0]  # type: ignore[union-attr]
-    assert [[pair.low, pair.high], [pair.joint_low, pair.joint_high], pair.distinguished] == [
-        then["interval"],
-        then["joint_interval"],
-        then["told_apart"],
-    ]
+    # They told equal teams apart where trials were few, and nothing that is stored mends that.
+    assert (found.statistics, found.final_statistics) == (None, None)
     assert found.how.keep == stored["ranking"]["keep"]
 
     (tmp_path / "ranking.json").write_text(PUBLICATION.text(found), encoding="utf-8")

@@ -151,8 +151,7 @@ def _leaderboard(publication: Publication, conducts: Mapping[RunKey, RunConduct]
                 s.name,
                 s.value,
                 s.execution,
-                own.execution[0] if own else None,
-                own.execution[1] if own else None,
+                *(own.execution if own and own.execution else (None, None)),
                 s.judges,
                 sum(cell.made for cell in s.trials.values()),
                 sum(len(cell.runs) for cell in s.trials.values()),
@@ -308,9 +307,35 @@ def _chances(publication: Publication) -> Table:
 
 def _pairs(publication: Publication) -> Table:
     assert publication.final_statistics is not None  # `tables_of` makes this table only then
-    columns = ("first", "second", "ahead", "low", "high", "joint_low", "joint_high", "chance", "told_apart")
+    columns = (
+        "first",
+        "second",
+        "ahead",
+        "low",
+        "high",
+        "chance",
+        "p",
+        "p_back",
+        "told",
+        "p_here",
+        "p_here_back",
+        "told_here",
+    )
     rows: list[tuple[Value, ...]] = [
-        (p.first, p.second, p.ahead, p.low, p.high, p.joint_low, p.joint_high, p.chance, p.distinguished)
+        (
+            p.first,
+            p.second,
+            p.ahead,
+            p.low,
+            p.high,
+            p.chance,
+            p.p,
+            p.p_back,
+            p.told,
+            p.p_here,
+            p.p_here_back,
+            p.told_here,
+        )
         for p in publication.final_statistics.pairs
     ]
     return Table("pairs", "Differences between teams", columns, tuple(rows))
@@ -321,7 +346,7 @@ def _groups(publication: Publication) -> Table:
     rows: list[tuple[Value, ...]] = [
         (group.label, team) for group in publication.final_statistics.groups for team in group.teams
     ]
-    return Table("groups", "Groups of teams without a clear difference", ("group", "team"), tuple(rows))
+    return Table("groups", "Groups of teams that cannot be told apart", ("group", "team"), tuple(rows))
 
 
 def _violations(publication: Publication, tallies: Sequence[Tally]) -> Table:

@@ -101,16 +101,6 @@ class TrialCell:
 
 
 @dataclass(frozen=True)
-class PairRow:
-    """One difference, and its place in the drawing: both ends of its interval and itself, in percent."""
-
-    pair: Pair
-    low: float
-    high: float
-    at: float
-
-
-@dataclass(frozen=True)
 class View:
     """What the page shows."""
 
@@ -123,9 +113,7 @@ class View:
     judged: bool
     valued: bool
     started: bool
-    pairs: tuple[PairRow, ...]
-    zero: float
-    chances: Mapping[tuple[str, str], float]
+    pairs: tuple[Pair, ...]
     unusual: tuple[RunLink, ...]
     tallies: tuple[Tally, ...] | None
     looked_at: int
@@ -205,13 +193,12 @@ def view_of(
     for run in ranking.runs:
         link = RunLink(run, links.get(run.key, ""), conducts.get(run.key))
         by_cell.setdefault((run.team, run.trial), []).append(link)
-    pairs, zero = _pair_rows(_shown_pairs(publication))
     teams = conduct_of_teams(publication, conducts) if conducts else {}
     standards = Counter[str]()
     for one in teams.values():
         standards.update(one.violated)
         standards.update(dict.fromkeys(one.undecided, 0))
-    spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution]
+    spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution or ()]
     shown = [s.execution for s in ranking.standings]
     shown += [one.task for one in teams.values() if one.task is not None]
     opened = [s.open.execution for s in ranking.standings if s.open]
@@ -238,9 +225,7 @@ def view_of(
         judged=any(standing.judges is not None for standing in ranking.standings),
         valued=publication.how.value != "execution",
         started=bool(ranking.runs),
-        pairs=pairs,
-        zero=zero,
-        chances={(pair.first, pair.second): pair.chance for pair in (statistics.pairs if statistics else ())},
+        pairs=tuple(_shown_pairs(publication)),
         unusual=tuple(link for found in by_cell.values() for link in found if link.run.outcome != "scored"),
         tallies=None if tallies is None else tuple(tallies),
         looked_at=len(links),
@@ -311,7 +296,7 @@ def _row(standing: TeamRank, publication: Publication, conduct: TeamConduct | No
         team_page(standing.team) if conduct else "",
         _bar(standing, conduct, drawn.parts),
         _whisker(standing, odds.get(standing.team), drawn.spread),
-        chances_path(own.chances) if (own := odds.get(standing.team)) else None,
+        chances_path(own.chances) if (own := odds.get(standing.team)) and own.chances else None,
         _opened(standing, drawn.opened),
     )
 
@@ -330,7 +315,7 @@ def _opened(standing: TeamRank, scale: Scale) -> tuple[float, float, float] | No
 
 
 def _whisker(standing: TeamRank, odds: TeamOdds | None, scale: Scale) -> tuple[float, float, float] | None:
-    if odds is None:
+    if odds is None or odds.execution is None:
         return None
     low, high = odds.execution
     return scale.at(low), scale.at(high), scale.at(standing.execution)
@@ -344,22 +329,6 @@ def team_page(team: str) -> str:
 def clause_page(clause: Clause) -> str:
     """The path of the page of a standard's clause in the site."""
     return f"violations/{file_name(' '.join(part for part in clause if part))}.html"
-
-
-def _pair_rows(pairs: Sequence[Pair]) -> tuple[tuple[PairRow, ...], float]:
-    """The pairs, and where 0 is: all intervals share one scale."""
-    low = min((min(pair.joint_low, pair.low) for pair in pairs), default=0.0)
-    high = max((max(pair.joint_high, pair.high) for pair in pairs), default=0.0)
-    low, high = min(low, 0.0), max(high, 0.0)  # 0 is drawn too: whether a bar reaches it is the question
-    width = (high - low) or 1.0
-
-    def place(value: float) -> float:
-        return round(100 * (value - low) / width, 2)
-
-    return (
-        tuple(PairRow(p, place(p.joint_low), place(p.joint_high), place(p.ahead)) for p in pairs),
-        place(0.0),
-    )
 
 
 # Pages of teams and clauses ------------------------------------------------------------
