@@ -18,14 +18,16 @@ from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences
 from ariac_score.ranking.competition import Competition, RunKey, load_competition
+from ariac_score.ranking.design import designs
 from ariac_score.ranking.evaluation import Evaluation, evaluation_program, strict_evaluation
 from ariac_score.ranking.publication import StoredResult, ranking_json
 from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.resampling import sampled
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.ranking.statistics import Statistics, rank_statistics
 from ariac_score.ranking.stored import write_results
-from ariac_score.report.ranking import ranking_csv, ranking_text, strict_text
+from ariac_score.report.ranking import design_text, ranking_csv, ranking_text, strict_text
 from ariac_score.results.adjustments import load_adjustments
 from ariac_score.results.cohort_file import cohort_text
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -79,6 +81,12 @@ def register(commands: Any) -> None:
         metavar="DIR",
         help="take the results from this folder, which 'batch' wrote, instead of scoring",
     )
+    parser.add_argument(
+        "--design",
+        type=float,
+        metavar="POINTS",
+        help="say instead how many trials and runs would tell teams apart that differ by POINTS a trial",
+    )
     parser.set_defaults(run=run)
 
 
@@ -106,6 +114,10 @@ def run(arguments: argparse.Namespace) -> int:
     ranking = adjusted_by_stewards(
         arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
     )
+    if arguments.design is not None:
+        sizes = designs(sampled(ranking, spec, rule_set.digits), spec, arguments.design)
+        write(design_text(sizes, arguments.design, len(ranking.standings)), arguments.output)
+        return 0
     statistics = rank_statistics(ranking, spec, rule_set.digits)
     after = rank_statistics(ranking.stewarded.ranking, spec, rule_set.digits) if ranking.stewarded else None
     stored = _write_more(arguments, ranking)

@@ -42,7 +42,7 @@ __all__ = [
 Claim = tuple[str, str]
 """The better team and the worse one."""
 
-MOST_FLIPPED = 40
+MOST_FLIPPED = 32
 """Of so many trials with a difference all ways of swapping are counted; of more, some are drawn."""
 MOST_WAYS = 100_000
 """So many ways of dealing the runs are counted; of more, some are drawn."""

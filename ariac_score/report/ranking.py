@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import RankingDifference
+from ariac_score.ranking.design import MOST_TRIALS, POWER, Design
 from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
@@ -15,7 +16,7 @@ from ariac_score.report.spreadsheet import text_cell
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import Style, plain
 
-__all__ = ["changes_text", "ranking_csv", "ranking_text", "strict_text"]
+__all__ = ["changes_text", "design_text", "ranking_csv", "ranking_text", "strict_text"]
 
 _ORDINARY = ("scored",)
 
@@ -268,6 +269,21 @@ def _strict_stops(strict: Evaluation) -> Iterator[str]:
     for stop in strict.stops:
         where = ", ".join(plain(part) for part in (stop.trial, stop.team, stop.run) if part)
         yield f"  {where}: {stop.exception}: {plain(stop.cause)}"
+
+
+def design_text(sizes: Sequence[Design], points: float, teams: int) -> str:
+    """How many trials and runs tell teams apart that differ by some points."""
+    lines = [
+        f"To tell two of {teams} teams apart that differ by {points:g} points a trial, in {POWER:.0%} of "
+        "competitions like this one, takes",
+    ]
+    for size in sizes:
+        runs = "1 run of each" if size.runs == 1 else f"{size.runs} runs of each"
+        if size.trials is None:
+            lines.append(f"  {runs}: more than {MOST_TRIALS} trials; so many tell it in {size.power:.0%}")
+        else:
+            lines.append(f"  {runs}: {size.trials} trials, which tell it in {size.power:.0%}")
+    return "\n".join(lines) + "\n"
 
 
 def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
