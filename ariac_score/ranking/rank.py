@@ -601,7 +601,7 @@ def _with_ends(
                 for (team, of), own in groups.items()
                 for run in own
                 if of == trial and team not in out and run.kept and run.score is not None
-                if run.outcome not in _AS_ZERO
+                if run.outcome not in AS_ZERO
             ],
             more_is_better=spec.more_is_better,
         )
@@ -644,11 +644,11 @@ def _with_ends(
 
 
 def _cell_ends(runs: Sequence[RunOutcome], cell: Cell, worst: Ends, slots: Slots) -> Ends:
-    known = [run for run in runs if run.outcome not in _AS_ZERO and (run.score is not None or run.open)]
+    known = [run for run in runs if run.outcome not in AS_ZERO and (run.score is not None or run.open)]
     if not any(run.open for run in known) and worst.least == worst.most:
         return Ends(cell.score, cell.score)
     ends = [run.open or Ends(run.score or Decimal(0), run.score or Decimal(0)) for run in known]
-    zeros = sum(run.outcome in _AS_ZERO for run in runs)
+    zeros = sum(run.outcome in AS_ZERO for run in runs)
     return cell_ends(ends, zeros, worst, slots).around(cell.score)
 
 

@@ -6,7 +6,7 @@ a hole of the signal, however short it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +43,9 @@ _KNOWN_KINDS = frozenset({"robot", "human"})
 REPLAYED_SAMPLES, REPLAYED_S = 50, 1.0
 """So many samples over so long a time do not come back to the last bit, unless they were copied."""
 
+_SAME_LAG_S = 0.1
+"""Topics are sampled at instants of their own."""
+
 _LEAST_CHANGES = REPLAYED_SAMPLES // 2
 """What mostly stands still says nothing by being as it was."""
 
@@ -76,34 +79,79 @@ def holes_around(t: FloatArray, dropped: BoolArray) -> tuple[Span, ...]:
     )
 
 
-def believed(signal: Signal, bodies: Sequence[Body]) -> tuple[Signal, list[LogDefect]]:
-    """A signal without its implausible jumps and replayed stretches, and what was wrong with it."""
+def believed(
+    signals: Mapping[str, Signal], bodies: Sequence[Body]
+) -> tuple[dict[str, Signal], list[LogDefect]]:
+    """The signals of a log without implausible jumps and replayed stretches, and what was wrong with them."""
     defects: list[LogDefect] = []
-    jumped = jumps(signal, bodies)
-    if jumped.any():
-        at_s = float(signal.t[np.argmax(jumped)])
-        message = (
-            f"samples jump faster than anything moves, first at {at_s:.3f} s; they were left out, and "
-            "nothing is known there"
-        )
-        defects.append(LogDefect("implausible_jump", signal.name, int(jumped.sum()), message))
-    copies = replays(signal.t, signal.values)
-    copied = np.zeros(len(signal), dtype=bool)
-    for copy in copies:
-        copied[copy.first : copy.behind] = True
-    if copies:
-        one = copies[0]
-        message = (
-            f"samples from {signal.t[one.first]:.3f} s on repeat those from {signal.t[one.original]:.3f} s "
-            "on to the last bit, as if they were replayed; they were left out, and nothing is known there"
-        )
-        defects.append(LogDefect("replayed_stretch", signal.name, int(copied.sum()), message))
-    dropped = jumped | copied
+    found: dict[str, Signal] = {}
+    copied = _replayed(signals)
+    for name, signal in signals.items():
+        jumped = jumps(signal, bodies)
+        if jumped.any():
+            at_s = float(signal.t[np.argmax(jumped)])
+            message = (
+                f"samples jump faster than anything moves, first at {at_s:.3f} s; they were left out, and "
+                "nothing is known there"
+            )
+            defects.append(LogDefect("implausible_jump", signal.name, int(jumped.sum()), message))
+        again = np.zeros(len(signal), dtype=bool)
+        for copy in copied.get(name, ()):
+            again[copy.first : copy.behind] = True
+        if again.any():
+            one = copied[name][0]
+            message = (
+                f"samples from {signal.t[one.first]:.3f} s on repeat those from "
+                f"{signal.t[one.original]:.3f} s on to the last bit, as if they were replayed; they were "
+                "left out, and nothing is known there"
+            )
+            defects.append(LogDefect("replayed_stretch", signal.name, int(again.sum()), message))
+        found[name] = _without(signal, jumped | again)
+    return found, defects
+
+
+def _without(signal: Signal, dropped: BoolArray) -> Signal:
     if not dropped.any():
-        return signal, []
+        return signal
     holes = tuple(sorted({*signal.holes, *holes_around(signal.t, dropped)}))
-    kept = replace(signal, t=signal.t[~dropped], values=signal.values[~dropped], holes=holes)
-    return kept, defects
+    return replace(signal, t=signal.t[~dropped], values=signal.values[~dropped], holes=holes)
+
+
+def _replayed(signals: Mapping[str, Signal]) -> dict[str, list[Replay]]:
+    """The stretches in which all that moves repeats itself.
+
+    One robot that does the same work again, beside a person who stands still, is no replay: two bodies at
+    least have to come back, or how far two are apart.
+    """
+    copies = {name: found for name, one in signals.items() if (found := replays(one.t, one.values))}
+    return {
+        name: kept
+        for name, own in copies.items()
+        if (kept := [one for one in own if _all_come_back(signals, copies, name, one)])
+    }
+
+
+def _all_come_back(
+    signals: Mapping[str, Signal], copies: Mapping[str, Sequence[Replay]], name: str, copy: Replay
+) -> bool:
+    t = signals[name].t
+    start_s, end_s = float(t[copy.first]), float(t[copy.behind - 1])
+    lag_s = start_s - float(t[copy.original])
+    bodies: set[str] = set()
+    for other, signal in signals.items():
+        inside = slice(*np.searchsorted(signal.t, (start_s, end_s)))
+        values = signal.values[inside]
+        if len(values) < 2 or not (values[1:] != values[:-1]).any():
+            continue  # it stands still, which says nothing
+        if not any(
+            abs(float(signal.t[one.first] - signal.t[one.original]) - lag_s) < _SAME_LAG_S
+            and signal.t[one.first] <= end_s
+            and signal.t[one.behind - 1] >= start_s
+            for one in copies.get(other, ())
+        ):
+            return False
+        bodies.update(subject_of(other).split("/"))
+    return len(bodies) > 1
 
 
 # Jumps -----------------------------------------------------------------------------------------

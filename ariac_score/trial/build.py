@@ -186,10 +186,9 @@ class TrialBuilder:
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         bodies = tuple(self.bodies.values())
-        for name, signal in self.signals.items():
-            self.signals[name], noted = believed(signal, bodies)
-            for defect in noted:
-                self.defect(defect.kind, defect.where, defect.count, defect.message)
+        self.signals, noted = believed(self.signals, bodies)
+        for defect in noted:
+            self.defect(defect.kind, defect.where, defect.count, defect.message)
         return Trial(
             id=self.trial_id,
             work=tuple(self.work),

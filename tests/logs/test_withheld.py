@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ariac_score.checks.contracts import Wanted
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, Storage, write_bag
+from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import Body, Trial
@@ -209,6 +211,23 @@ def test_a_stretch_that_comes_back_to_the_last_bit_is_unknown(tmp_path: Path) ->
     assert trial.signals["centre_distance/robot/human"].holes == (Span(2.19, 3.70),)
     assert defects(trial) == {"replayed_stretch": 150}
     assert "from 2.200 s on repeat those from 0.500 s on" in trial.log_defects[0].message
+
+
+def test_a_robot_that_works_in_cycles_while_somebody_walks_by_is_no_replay() -> None:
+    def built(human: Callable[[int], float]) -> Trial:
+        t, still = np.arange(400) / 100, np.zeros(400)
+        cycle = 0.3 * np.sin(np.arange(400) % 200 * 0.0314)
+        walked = np.array([human(k) for k in range(400)])
+        made = TrialBuilder("cycles", file="cycles", clock=None)
+        made.add_body(BODIES[0])
+        made.add_body(BODIES[1])
+        for name, x in (("position/robot", cycle), ("position/human", walked)):
+            made.add_signal(name, "m", t, np.stack((x, still, still), axis=1))
+        return made.build()
+
+    assert defects(built(lambda k: 2.0 + 0.001 * k)) == {}
+    assert defects(built(lambda k: 2.0 + 0 * k)) == {}  # nor while he stands still
+    assert defects(built(lambda k: 2.0 + 0.001 * (k % 200))) == {"replayed_stretch": 200}
 
 
 def test_what_stands_still_or_comes_back_for_a_moment_is_no_replay(tmp_path: Path) -> None:
