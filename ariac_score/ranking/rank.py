@@ -617,7 +617,7 @@ def _with_ends(
             spec.total.execution(list(side)) for side in zip(*((c.least, c.most) for c in cells), strict=True)
         ]
         found[standing.team] = Ends(*ends) if ends else Ends(standing.execution, standing.execution)
-    ranks: Mapping[str, tuple[int, int]] = {}
+    ranks: Mapping[str, tuple[int | None, int | None]] = {}
     if spec.value.source == "execution":
         ranked = {s.team: s.rank for s in standings if s.rank is not None}
         values = {
