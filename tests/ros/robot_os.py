@@ -28,11 +28,13 @@ NEEDED = (
     "rosgraph_msgs.msg",
 )
 _GENERATOR = Path("/usr/lib/genpy/genmsg_py.py")
+_CONTROL = "string shipment_type\n---\nbool success\nstring message\n"
+"""The service of ARIAC 2020 that takes a shipment."""
 
 
 def need_ros1() -> None:
     """Skip, or fail where ROS is required, if ROS 1 is not installed."""
-    lacking = [program for program in ("roscore", "rosbag") if shutil.which(program) is None]
+    lacking = [program for program in ("roscore", "rosbag", "rosrun") if shutil.which(program) is None]
     if (
         not lacking
         and subprocess.run(
@@ -64,6 +66,11 @@ def generate_messages(folder: Path) -> None:
         messages = sorted(map(str, path.glob("*.msg")))
         subprocess.run([*command, *includes, *messages], check=True, capture_output=True, timeout=60)
         subprocess.run([*command, "--initpy"], check=True, capture_output=True, timeout=60)
+    service, out = folder / "AGVControl.srv", folder / "nist_gear" / "srv"
+    service.write_text(_CONTROL)
+    command = [PYTHON, str(_GENERATOR.with_name("gensrv_py.py")), "-p", "nist_gear", "-o", str(out)]
+    subprocess.run([*command, *includes, str(service)], check=True, capture_output=True, timeout=60)
+    subprocess.run([*command, "--initpy"], check=True, capture_output=True, timeout=60)
 
 
 class RobotOs:
@@ -76,11 +83,15 @@ class RobotOs:
 
     def __init__(self, folder: Path, messages: Path) -> None:
         self.folder = folder
+        programs = folder / "bin"
+        programs.mkdir()
+        (programs / "python").symlink_to(PYTHON)  # by which catkin installs a script, Debian has none
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
         self.environment = {
-            "PATH": "/usr/bin:/bin",
+            "PATH": f"{programs}:/usr/bin:/bin",
+            "ROS_PACKAGE_PATH": f"{REPOSITORY / 'ros'}:/usr/share",
             "HOME": str(folder),
             "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
             "ROS_HOSTNAME": "127.0.0.1",

@@ -35,6 +35,7 @@ pytestmark = pytest.mark.slow
 TOO_CLOSE_S = 2 * sqrt(5.1**2 - 4.8**2)
 STATE = "/ariac/competition_state"
 OWN = [f"/ariac_score/{name}" for name in ("submissions", "events", "heartbeat", "manifest")]
+CALLED = "/scoring/ariac/agv1"
 TOPICS = ["/tf", STATE, "/ariac/orders"]
 
 
@@ -53,7 +54,6 @@ def ros(tmp_path: Path, messages: Path) -> Iterator[RobotOs]:
 
 
 def plan_in(folder: Path) -> Path:
-    kit = {"shipment_type": "order_0_shipment_0", "agv": "agv1", "contents_unknown": False}
     state = {"topic": STATE, "field": "data"}
     file = folder / "trial.plan.json"
     file.write_text(
@@ -64,15 +64,6 @@ def plan_in(folder: Path) -> Path:
                 "starts": {**state, "values": ["init"]},
                 "ends": {**state, "values": ["done"]},
                 "linger_s": 0.3,
-                "watching": ["arm_collision"],
-                "forwards": [
-                    {
-                        "offered": "/team/agv1",
-                        "service": "/ariac/agv1",
-                        "accepted": "success",
-                        "submission": kit,
-                    }
-                ],
             }
         )
     )
@@ -110,23 +101,21 @@ def recording(tmp_path_factory: pytest.TempPathFactory, messages: Path) -> Recor
     done = threading.Event()
     load = threading.Thread(target=_busy, args=(done,))
     with robot_os(folder, messages) as ros:
-        bag = ros.start(*bag_command("trial.bag", [*TOPICS, *OWN]))
-        recorder = ros.recorder(plan_in(folder), "--out", folder / "trial", "--key", key)
-        ros.until(recorder, "recording ")
+        program = [Path(sys.executable).with_name("ariac-score"), "record", "--rules", "paper2020"]
+        recorder = ros.start(*program, "-o", "trial", "--key", "organiser", "--forward", "--run")
+        ros.until(recorder, "recording ", 30.0)
         second = ros.recorder(plan_in(folder), "--wait-s", "20")
         cell = ros.python(HERE / "cell", "jitter")
         load.start()
         try:
             assert ros.wait(second, 20.0) == 5
             assert "another recorder is running" in ros.said(second)
-            assert "success: True" in ros.run("/usr/bin/rosservice", "call", "/team/agv1")
+            assert "success: True" in ros.run("/usr/bin/rosservice", "call", CALLED, "order_0_shipment_0")
             assert ros.wait(cell, 30.0) == 0, ros.said(cell)
             assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
         finally:
             done.set()
             load.join()
-        send(bag, signal.SIGINT)
-        ros.wait(bag, 20.0)
     digests, own = read(folder / "trial.bag")
     manifest = json.loads((folder / "trial.manifest.json").read_text())
     return Recording(folder, digests, own, manifest)
@@ -166,8 +155,8 @@ def test_what_the_heartbeats_list_is_in_the_bag(recording: Recording) -> None:
         assert about["digest"] == hashlib.sha256("".join(digests).encode()).hexdigest()
         missing = Counter(digests) - Counter(recording.digests[topic])
         # `rosbag` may connect to a publisher a moment after the recorder did, before the trial begins.
-        assert sum(missing.values()) <= (10 if topic in TOPICS else 0), topic
-    assert listed.keys() == {*TOPICS, *OWN[:2]}
+        assert sum(missing.values()) <= (0 if topic in OWN else 10), topic
+    assert listed.keys() >= {*TOPICS, *OWN[:2]}
     assert manifest["topics"]["/tf"]["publishers"].keys() == {"/cell"}
 
 
@@ -184,7 +173,6 @@ def test_a_call_that_the_recorder_passed_on_is_a_submission(recording: Recording
     assert (submission.shipment_type, submission.agv) == ("order_0_shipment_0", "agv1")
     events = [(event.kind, event.subject) for event in recording.own["/ariac_score/events"]]
     assert events == [
-        ("watching", "arm_collision"),
         ("service_called", "/ariac/agv1"),
         ("service_answered", "/ariac/agv1"),
     ]
