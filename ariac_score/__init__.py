@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from ariac_score.engine.price import price_trial, reprice
     from ariac_score.engine.score import open_trial, score_trial
     from ariac_score.errors import (
+        ContradictionError,
         DataFileError,
         FormulaError,
         LogError,
@@ -138,6 +139,7 @@ _MODULE_OF = {
     "Code": "ariac_score.results.result",
     "Cohort": "ariac_score.results.cohort_file",
     "Chart": "ariac_score.trial.chart",
+    "ContradictionError": "ariac_score.errors",
     "DataFileError": "ariac_score.errors",
     "Decoder": "ariac_score.checks.contracts",
     "DerivedSignal": "ariac_score.trial.derive",
@@ -245,6 +247,7 @@ __all__ = [
     "Code",
     "Cohort",
     "Competition",
+    "ContradictionError",
     "DataFileError",
     "Decoder",
     "DerivedSignal",

@@ -16,6 +16,7 @@
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
+    │   ├── ContradictionError      6  two files state one fact of a trial differently
     │   ├── OtherUnitError          6  a number of an event is in another unit than a check asks for
     │   └── MissingSignalError      6  a check needs a signal that the log does not contain
     ├── ResultError                 6  a stored result is damaged or does not add up
@@ -33,6 +34,7 @@ from difflib import get_close_matches
 
 __all__ = [
     "BatchError",
+    "ContradictionError",
     "DataFileError",
     "FormulaError",
     "LocalPluginError",
@@ -196,6 +198,27 @@ class RunEndedError(NothingToScoreError):
     ) -> None:
         self.outcome = outcome
         super().__init__(cause, file=file, place=place, hint=hint)
+
+
+class ContradictionError(LogError):
+    """Two files state one fact of a trial differently.
+
+    Args:
+        fact: What they contradict each other about.
+        first: A file with whose it is, and what it says.
+        second: The other one.
+        file: The trial.
+    """
+
+    def __init__(
+        self, fact: str, first: tuple[str, str], second: tuple[str, str], *, file: object = None
+    ) -> None:
+        self.fact, self.first, self.second = fact, first, second
+        super().__init__(
+            f"{fact}: {first[0]} says {first[1]}, {second[0]} says {second[1]}",
+            file=file,
+            hint="leave out the file that belongs to another trial; what the organiser states counts",
+        )
 
 
 class OtherUnitError(LogError):

@@ -51,8 +51,8 @@ def basis_of(prepared: Prepared) -> str:
 def measuring_address(task: RunTask, contents: str, basis: str) -> str:
     """Address of the measurement of a run."""
     # Left out where it does not hold, so that older addresses stay what they were.
-    binding = ["binding"] if task.binding else []
-    return _hash([contents, task.team, task.trial, basis, *binding])
+    by = [f"work by {task.work_by}"] if task.work_by else []
+    return _hash([contents, task.team, task.trial, basis, *by])
 
 
 class RunTooLargeError(ScoreError):

@@ -34,7 +34,8 @@ class RunTask:
         path: Of its log or folder; a URI where it is remote.
         root: Folder that names in the result are relative to; empty for the run's own.
         also: Configurations outside its folder.
-        binding: Whether those count even where the run brings its own.
+        work_by: Who may state the work where none of those does: `organiser` or `run`; empty for whom the
+            rules name.
         refused: Why it cannot be distinguished from another run; empty when it can.
         signature: Hash of what a storage stated about its files when they were listed; empty for local
             files, and where the storage stated nothing.
@@ -48,7 +49,7 @@ class RunTask:
     path: str
     root: str = ""
     also: tuple[str, ...] = ()
-    binding: bool = False
+    work_by: str = ""
     refused: str = ""
     signature: str = ""
     earlier: str = ""
@@ -190,7 +191,15 @@ def _of_competition(competition: Competition) -> BatchPlan:
 
     root = str(competition.root)
     tasks = [
-        RunTask(run.team, run.trial, run.number, str(run.path), root, also(run.team, run.trial))
+        RunTask(
+            run.team,
+            run.trial,
+            run.number,
+            str(run.path),
+            root,
+            also(run.team, run.trial),
+            work_by=competition.work_by,
+        )
         for run in competition.runs
     ]
     tasks += [RunTask(*key, "", root, refused=reason) for key, reason in competition.refused.items()]

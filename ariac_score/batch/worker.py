@@ -42,6 +42,7 @@ from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json, load_result, read_result
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
+from ariac_score.trial.statements import ORGANISER
 
 __all__ = [
     "NO_ROOM",
@@ -248,7 +249,7 @@ def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
             Path(task.path),
             rules,
             also=[Path(name) for name in task.also],
-            binding=task.binding,
+            work_by=task.work_by or rules.rule_set.authority.work or (ORGANISER if task.root else ""),
             root=Path(task.root) if task.root else None,
             trial_id=task.trial if task.root else "",
             team=task.team,

@@ -15,6 +15,7 @@ from ariac_score.checks.measures import measures_of
 from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask_worlds, charts_of
+from ariac_score.engine.open_window import opened_by_window
 from ariac_score.engine.prepared import Prepared, Rules, prepare
 from ariac_score.errors import LogError
 from ariac_score.monitors.unseen import broken_bounds
@@ -63,6 +64,8 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
             found, worlds = stored_findings(known, before, wanted), _stored_worlds(known, before, wanted)
         else:
             found, worlds = ask_worlds(each.plugin, name, each.check, trial, words=prepared.words)
+            found, by_window = opened_by_window(found, each, trial, prepared)
+            worlds = [*worlds, *by_window]
         opened += worlds
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
@@ -80,6 +83,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         official=trial.official,
         team=trial.team.name if trial.team else "",
         watched=watched_in(trial),
+        statements=trial.statements,
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
@@ -135,6 +139,7 @@ def needs_alike(first: Prepared, second: Prepared) -> bool:
     """Whether two rule sets read the same trial from the same files, so that findings hold for both."""
     return (
         _named(first.rule_set.competition) == _named(second.rule_set.competition)
+        and first.rule_set.authority == second.rule_set.authority
         and first.log_map.sha256 == second.log_map.sha256
         and list(dict.fromkeys(first.needs)) == list(dict.fromkeys(second.needs))
     )

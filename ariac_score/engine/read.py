@@ -23,12 +23,14 @@ from ariac_score.errors import (
     ScoreError,
 )
 from ariac_score.installed.captured_output import fault_of, quiet
-from ariac_score.logs.bundle import Bundle, find_parts
+from ariac_score.logs.bundle import Bundle, find_parts, name_from, with_parts, without_stating
 from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap, PluginUse
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.model import TeamSetup, Trial
+from ariac_score.trial.statements import OF_THE_ORGANISER, ORGANISER, FileOrigin
+from ariac_score.trial.window import with_window
 from ariac_score.trial.words import Words
 from ariac_score.trial.work import Fact
 
@@ -37,6 +39,7 @@ __all__ = [
     "built_of",
     "call_hook",
     "competition_of",
+    "find_run",
     "find_trial",
     "no_progress",
     "no_work_found",
@@ -153,6 +156,29 @@ def find_trial(path: Path, registry: Registry) -> tuple[Bundle, dict[str, Guarde
         raise
 
 
+def find_run(
+    path: Path, registry: Registry, *, also: Sequence[Path], root: Path, work_by: str = ""
+) -> tuple[Bundle, dict[str, GuardedReader]]:
+    """The parts of a run with the configurations that the caller gives, and the readers that can read them.
+
+    Args:
+        path: Of the run.
+        registry: The installed plugins.
+        also: Configurations that the caller gives.
+        root: Folder that names are relative to, where there are any of those.
+        work_by: With `organiser`, a configuration that lies with the run states nothing.
+
+    Raises:
+        NothingToScoreError: See `find_trial`.
+        LogError: The parts contradict each other, or a configuration is not recognised.
+    """
+    bundle, readers = find_trial(path, registry)
+    bundle = with_parts(bundle, also, root, readers)
+    if work_by == ORGANISER:
+        bundle = without_stating(bundle, OF_THE_ORGANISER)
+    return bundle, readers
+
+
 def read_trial(
     bundle: Bundle,
     readers: Mapping[str, Reader],
@@ -192,6 +218,7 @@ def read_trial(
     trials: dict[int, Trial] = {}
     # Recordings last: what the other files state of the trial may stand in names of the log map.
     facts: dict[str, Fact] = dict(log_map.facts)
+    given = {part.role for part in bundle.parts if part.given}
     order = sorted(enumerate(bundle.parts), key=lambda numbered: numbered[1].role == "log")
     for done_before, (number, part) in enumerate(order):
 
@@ -200,12 +227,15 @@ def read_trial(
 
         own_map = log_map.filled(facts) if part.role == "log" else log_map
         wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks)
-        trials[number] = readers[part.reader].read(part.path, wanted)
-        facts |= {} if part.role == "log" else trials[number].facts
+        origin = FileOrigin(name_from(bundle.folder, part.path), part.role, part.given)
+        trials[number] = replace(readers[part.reader].read(part.path, wanted), origin=origin)
+        # Not what lies beside what the caller gave: it counts for nothing.
+        facts |= {} if part.role == "log" or (part.role in given and not part.given) else trials[number].facts
     name = trials[0].id if len(trials) == 1 else bundle.id
     in_order = [trials[number] for number in range(len(trials))]
     if log_map.facts:
-        in_order.append(Trial(f"log map {log_map.id}", facts=log_map.facts))
+        origin = FileOrigin(f"log map {log_map.id}", "log_map", given=True)
+        in_order.append(Trial(f"log map {log_map.id}", facts=log_map.facts, origin=origin))
     trial = merge_trials(name, in_order, file=bundle.root, competition=own)
     # Before the work is missed: a run that crashed has none, and a ranking counts it as 0.
     if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
@@ -277,6 +307,7 @@ def read_needed(
         competition=competition_of(prepared.log_map, prepared.registry, prepared.rule_set.competition)
         or prepared.competition,
     )
+    trial = with_window(trial, prepared.rule_set.authority.window)
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas
         refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)

@@ -22,6 +22,7 @@ from ariac_score.engine.price import price_trial
 from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
 from ariac_score.engine.read import (
     Progress,
+    find_run,
     find_trial,
     no_progress,
     read_needed,
@@ -111,7 +112,7 @@ def score_trial(
     local_plugins: bool | Mapping[str, str] = False,
     progress: Progress = no_progress,
     also: Sequence[str | PathLike[str]] = (),
-    binding: bool = False,
+    work_by: str = "",
     root: str | PathLike[str] | None = None,
     trial_id: str = "",
     team: str = "",
@@ -129,9 +130,10 @@ def score_trial(
         local_plugins: Whether the rule set may name classes in files beside it, whose code is then run: all
             of them, or those given with their SHA-256. It counts where no `registry` is given.
         progress: Called with the share done, 0 to 1.
-        also: Configurations of the trial or team that lie elsewhere; where the path has
-            one of its own, that one counts.
-        binding: Whether those of `also` count even then, for callers who do not trust the path.
+        also: Configurations of the trial or team that the caller gives, as an organiser does. They count;
+            one of the path that says something else is refused.
+        work_by: Who may state the work in a configuration where none of `also` does: `organiser`, so that
+            one of the path counts for nothing, or `run`; by default what the rules say, or else `run`.
         root: Folder that file names in the result are relative to; needed with `also`.
         trial_id: Name of the trial, where the caller knows it better than the files.
         team: Name of the team, likewise.
@@ -147,9 +149,9 @@ def score_trial(
     registry = registry or Registry(allowing(local_plugins))
     prepared = prepare(rules, log_map=name_or_path(log_map), registry=registry)
     rule_set, registry = prepared.rule_set, prepared.registry
-    bundle, readers = find_trial(path, registry)
     elsewhere = [path_of(one, "the path of a configuration") for one in also]
-    bundle = with_parts(bundle, elsewhere, path_of(root or path), readers, binding=binding)
+    by = work_by or rule_set.authority.work
+    bundle, readers = find_run(path, registry, also=elsewhere, root=path_of(root or path), work_by=by)
     refuse_unlikely(bundle, readers, prepared)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)

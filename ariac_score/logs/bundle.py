@@ -16,7 +16,7 @@ from ariac_score.documents.schema import schema, schema_errors, validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, did_you_mean
 
-__all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from", "with_parts"]
+__all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from", "with_parts", "without_stating"]
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
@@ -39,12 +39,15 @@ class Part:
         reader: Name of the reader that recognised it.
         facts: The reader's facts about its files.
         run: The number of the chosen run, where one is named.
+        given: Whether the caller gave it, as an organiser gives the configuration that all runs share;
+            otherwise it lies with the run.
     """
 
     path: Path
     reader: str
     facts: ReaderFacts = field(default_factory=ReaderFacts)
     run: int | None = None
+    given: bool = False
 
     @property
     def role(self) -> str:
@@ -71,6 +74,11 @@ class Bundle:
     ignored: tuple[str, ...] = ()
     stated: tuple[tuple[Path, str], ...] = ()
     file: Path | None = None
+
+    @property
+    def folder(self) -> Path:
+        """The folder that names of its parts are relative to."""
+        return self.root if self.root.is_dir() else self.root.parent
 
 
 def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
@@ -103,30 +111,42 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
     return _searched_folder(path, readers)
 
 
-def with_parts(
-    bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader], *, binding: bool = False
-) -> Bundle:
+def with_parts(bundle: Bundle, paths: Sequence[Path], root: Path, readers: Mapping[str, Reader]) -> Bundle:
     """A bundle with files from outside its folder, such as the configuration that all runs share.
+
+    A part of the bundle that has the role of a further file stays, so that it can be held against that.
 
     Args:
         bundle: As found.
         paths: The further files.
         root: Folder that all names are relative to from now on.
         readers: The installed readers by name.
-        binding: Whether the further files replace those parts of the bundle that have the same role, which
-            are then named as ignored; otherwise the bundle's own part counts.
 
     Raises:
-        LogError: A file is not recognised.
+        LogError: A file is not recognised, or two have one role.
     """
     if not paths:
         return bundle
-    found = [_recognised(path, readers) for path in paths]
-    if binding:
-        bundle = _without_roles(bundle, {part.role for part in found})
-    taken = {part.role for part in bundle.parts}
-    added = (part for part in found if part.role not in taken)
-    return replace(bundle, root=root, parts=(*bundle.parts, *added))
+    found = [replace(_recognised(path, readers), given=True) for path in paths]
+    own = {part.path.resolve() for part in found}  # an organiser may keep it in the folder of the run
+    kept = tuple(part for part in bundle.parts if part.path.resolve() not in own)
+    return replace(bundle, root=root, parts=(*kept, *found))
+
+
+def without_stating(bundle: Bundle, roles: Set[str]) -> Bundle:
+    """A bundle without the parts that lie with the run, have one of some roles, and nobody gave.
+
+    They are named among what was ignored: whoever hands in a run could state with them what is not his.
+    """
+    given = {part.role for part in bundle.parts if part.given}
+    left_out = [p for p in bundle.parts if p.role in roles - given and not p.given]
+    names = (f"{name_from(bundle.folder, part.path)} (not given by the organiser)" for part in left_out)
+    return replace(
+        bundle,
+        parts=tuple(part for part in bundle.parts if part not in left_out),
+        ignored=tuple(sorted([*bundle.ignored, *names])),
+        stated=tuple((path, digest) for path, digest in bundle.stated if path not in {p.path for p in left_out}),
+    )
 
 
 def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
@@ -136,19 +156,6 @@ def _recognised(path: Path, readers: Mapping[str, Reader]) -> Part:
             "no reader recognises this file", file=path, hint=f"known formats: {known_formats(readers)}"
         )
     return part
-
-
-def _without_roles(bundle: Bundle, roles: Set[str]) -> Bundle:
-    """A bundle without the parts of some roles, and without the stated hashes of their files."""
-    left_out = [part.path for part in bundle.parts if part.role in roles]
-    folder = bundle.root if bundle.root.is_dir() else bundle.root.parent
-    names = (f"{name_from(folder, path)} (another configuration is binding)" for path in left_out)
-    return replace(
-        bundle,
-        parts=tuple(part for part in bundle.parts if part.role not in roles),
-        ignored=tuple(sorted([*bundle.ignored, *names])),
-        stated=tuple((path, digest) for path, digest in bundle.stated if path not in left_out),
-    )
 
 
 def name_from(root: Path, file: Path) -> str:

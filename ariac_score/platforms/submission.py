@@ -317,8 +317,7 @@ def _tasks(files: Path, phase: Phase, work: Path) -> Iterator[RunTask]:
         taken.add((trial, number))
         config = configs.get(trial)
         also = (str(config),) if config else ()
-        # A team that could bring its own configuration would choose its own orders.
-        yield RunTask(TEAM, trial, number, str(entry), str(entry.parent), also, binding=True)
+        yield RunTask(TEAM, trial, number, str(entry), str(entry.parent), also)
 
 
 class _Unpacking:

@@ -22,6 +22,8 @@ from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
+from ariac_score.scoring.authority import Authority
+from ariac_score.trial.statements import ORGANISER
 
 __all__ = [
     "Competition",
@@ -32,6 +34,7 @@ __all__ = [
     "load_competition",
     "registry_for",
     "stored_results",
+    "work_by_of",
 ]
 
 FILE = "competition.yaml"
@@ -109,6 +112,8 @@ class Competition:
         adjustments: What the stewards decided, where the file names it.
         local_plugins: The files of code beside its rule set that may run, with their SHA-256.
         what_if: Other values of numbers of the rules, by name, for its site to show the ranking under.
+        work_by: Whose configuration may state the work, `organiser` or `run`; empty where the file does not
+            say. Then the rules do, and where they do not either, it is the organiser's.
     """
 
     id: str
@@ -127,6 +132,12 @@ class Competition:
     adjustments: Path | None = None
     local_plugins: Mapping[str, str] = field(default_factory=dict)
     what_if: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    work_by: str = ""
+
+
+def work_by_of(competition: Competition, rules: Authority) -> str:
+    """Whose configuration may state the work in a competition: unless it says otherwise, the organiser's."""
+    return competition.work_by or rules.work or ORGANISER
 
 
 def registry_for(competition: Competition) -> Registry:
@@ -214,6 +225,7 @@ def _from_file(file: Path, rules: str) -> Competition:
         else None,
         local_plugins=data.get("local_plugins", {}),
         what_if={name: tuple(map(float, values)) for name, values in data.get("what_if", {}).items()},
+        work_by=data.get("authority", {}).get("work", ""),
     )
 
 

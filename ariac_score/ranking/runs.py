@@ -10,7 +10,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import ResultError, ScoreError
-from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for
+from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for, work_by_of
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import load_result, refuse_impossible
 from ariac_score.scoring.ruleset import RuleSet
@@ -54,6 +54,7 @@ def score_runs(
     configs = {("team", team.id): team.config for team in competition.teams} | {
         ("trial", trial.id): trial.config for trial in competition.trials
     }
+    work_by = work_by_of(competition, rule_set.authority)
     results: dict[RunKey, Result | ScoreError] = {}
     made_under: dict[Pinned, Run] = {}
     for done, run in enumerate(competition.runs):
@@ -71,6 +72,7 @@ def score_runs(
                     rule_set,
                     registry=registry,
                     also=also,
+                    work_by=work_by,
                     root=competition.root,
                     trial_id=run.trial,
                     team=run.team,

@@ -26,6 +26,7 @@ from ariac_score.scoring.steward import Adjusted
 from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
+from ariac_score.trial.statements import Statement
 
 __all__ = [
     "SEQUENCE",
@@ -170,6 +171,8 @@ class Measured:
             best and of the worst world; where a world is priced, they replace those in `findings`.
         unofficial: In words, why nothing official can follow from this; such as that the log is cut off,
             and was scored as far as it can be read.
+        statements: Whose statement work, window, set-up and completeness rest on. Empty in results of
+            versions that did not say.
     """
 
     trial: str
@@ -190,6 +193,7 @@ class Measured:
     watched: Span | None = None
     open: tuple[OpenFindings, ...] = ()
     unofficial: tuple[str, ...] = ()
+    statements: tuple[Statement, ...] = ()
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -214,7 +218,7 @@ class Measured:
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
-        leave_out_empty(self, "open", "unofficial")
+        leave_out_empty(self, "open", "unofficial", "statements")
 
     def to_frame(self) -> Any:
         """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.

@@ -19,7 +19,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
-from ariac_score.engine.read import find_trial, read_needed
+from ariac_score.engine.read import find_run, read_needed
 from ariac_score.errors import (
     FormulaError,
     PluginError,
@@ -27,8 +27,7 @@ from ariac_score.errors import (
     RuleSetError,
     ScoreError,
 )
-from ariac_score.logs.bundle import with_parts
-from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.competition import Competition, RunKey, work_by_of
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.result import Measured, Result
@@ -250,11 +249,17 @@ class RunLog:
     """A trial read once, and measured under as many rule sets as needed."""
 
     def __init__(
-        self, path: Path, rule_set: RuleSet, registry: Registry, *, also: tuple[Path, ...] = ()
+        self,
+        path: Path,
+        rule_set: RuleSet,
+        registry: Registry,
+        *,
+        also: tuple[Path, ...] = (),
+        work_by: str = "",
     ) -> None:
         self.registry = registry
-        bundle, readers = find_trial(path, registry)
-        bundle = with_parts(bundle, also, path, readers)
+        by = work_by or rule_set.authority.work
+        bundle, readers = find_run(path, registry, also=also, root=path, work_by=by)
         self.trial = read_needed(bundle, readers, prepare(rule_set, registry=registry))
         self._last: tuple[tuple[Derivation, ...], Trial] | None = None
 
@@ -452,10 +457,11 @@ def logs_of(
     """The log of each run that has a result and was not stored, opened as it is asked for."""
     teams = {team.id: team.config for team in competition.teams}
     trials = {trial.id: trial.config for trial in competition.trials}
+    by = work_by_of(competition, rule_set.authority)
     for run in competition.runs:
         if isinstance(results.get(run.key), Result) and run.path.suffix != ".json":
             also = tuple(c for c in (trials.get(run.trial), teams.get(run.team)) if c)
-            yield run.key, RunLog(run.path, rule_set, registry, also=also)
+            yield run.key, RunLog(run.path, rule_set, registry, also=also, work_by=by)
 
 
 Ranks = Mapping[str, int | None]

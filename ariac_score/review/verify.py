@@ -29,7 +29,7 @@ from ariac_score.errors import (
     ScoreError,
     UsageError,
 )
-from ariac_score.ranking.competition import FILE, Competition, Run, load_competition
+from ariac_score.ranking.competition import FILE, Competition, Run, load_competition, work_by_of
 from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.result import Code, Measured, Provenance, Result
 from ariac_score.results.result_file import (
@@ -415,6 +415,7 @@ def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry:
             log_map=log_map,
             registry=registry,
             also=[config for config in configs if config is not None],
+            work_by=work_by_of(competition, rule_set.authority),
             root=competition.root,
             trial_id=run.trial,
             team=run.team,

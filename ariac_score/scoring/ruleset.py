@@ -33,6 +33,7 @@ from ariac_score.errors import (
     UsageError,
     did_you_mean,
 )
+from ariac_score.scoring.authority import Authority
 from ariac_score.scoring.cohort import CohortTerm
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.extending import (
@@ -197,6 +198,11 @@ class RuleSet:
     def text(self) -> str:
         """The whole as YAML, after `extends` and `include`."""
         return yaml.safe_dump(dict(self.expanded), sort_keys=False, allow_unicode=True, width=100)
+
+    @cached_property
+    def authority(self) -> Authority:
+        """Who may state what of a trial."""
+        return Authority.of(self.expanded)
 
     @property
     def policies(self) -> dict[str, str]:

@@ -10,7 +10,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from ariac_score.errors import LogError
+from ariac_score.errors import ContradictionError, LogError
+from ariac_score.trial.agreement import counting_parts, refuse_other_work, statements_of
 from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
@@ -265,13 +266,15 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
     Each kind of thing may come from one log only, except events, bodies, records, defects
     and `witnessed`, which add up. Work takes its time from the event of its announcement. A
     competition that has `join` decides itself what work and submissions are; see `Joining`.
-    Facts of the trial that two files state must agree. Logs that count from another
+    Facts of the trial that two files state must agree, and a file that lies with the run must agree
+    with the one of its role that the caller gave. Logs that count from another
     zero of one clock are shifted; logs on another clock than the log that records the
     motion keep what needs no time (see `_without_times`).
 
     Raises:
         LogError: Two logs contradict each other.
     """
+    parts = counting_parts(parts, file)
     parts = _on_one_clock(parts)  # first, for everything below compares times
     spans = [p.recorded for p in parts if p.recorded]
     _columns([columns for p in parts for columns in (p.signals, p.as_consumed)], file)  # no name is both
@@ -291,6 +294,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         facts=_facts(parts, file),
         records=_records(parts),
         read_with=frozenset(point for p in parts for point in p.read_with),
+        statements=statements_of(parts),
     )
     join = getattr(competition, "join", None)
     merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)
@@ -299,17 +303,22 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
 
 def _joined_plainly(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     """The trial with the work and the submissions of the log that has any."""
-    work = only("work", [settle_work(part.work, file) for part in parts if part.work], file) or ()
+    stating = [replace(part, work=settle_work(part.work, file)) for part in parts if part.work]
+    for part in stating[1:]:
+        refuse_other_work(stating[0], part, file)
+    # What a log announces has its time, which no configuration can know.
+    dated = [p.work for p in stating if any(announced_s(item) is not None for item in p.work)]
+    work = only("work", dated or [part.work for part in stating], file) or ()
     submissions = only("submissions", [p.submissions for p in parts if p.submissions], file) or ()
     announced = first_announced(merged)
-    dated = tuple(
+    items = tuple(
         item if announced_s(item) is not None else dated_at(item, announced.get(item.id)) for item in work
     )
-    asked = {item.id for item in all_items(dated)}
+    asked = {item.id for item in all_items(items)}
     unknown = sum(1 for s in submissions if s.item_id not in asked)
     noted = LogDefect("unknown_item", merged.id, unknown, "submissions answer nothing that was asked for")
     defects = (*merged.log_defects, *([noted] if unknown else []))
-    return replace(merged, work=dated, submissions=submissions, log_defects=tuple(sorted(defects)))
+    return replace(merged, work=items, submissions=submissions, log_defects=tuple(sorted(defects)))
 
 
 def settle_work(announced: Sequence[WorkItem], file: object = None) -> tuple[WorkItem, ...]:
@@ -432,8 +441,8 @@ def _without_times(part: Trial, main: Trial) -> Trial:
     Start, end and announcements mean nothing without their time and are left out.
     """
     assert main.recorded is not None  # chosen for having one
-    # Collisions and drops count whenever they happened, so they are put where the recording ends.
-    end_s = main.recorded.end_s
+    # Collisions and drops count whenever they happened, so they are put where the competition ends.
+    end_s = main.recorded.end_s if main.ended_s is None else main.ended_s
     kept = tuple(replace(e, t_s=end_s) for e in part.events if e.kind not in TIMED_EVENTS)
     left_out = len(part.events) - len(kept)
     own, others = _times_clock(part).kind, _times_clock(main).kind
@@ -457,15 +466,11 @@ def _facts(parts: Sequence[Trial], file: object) -> dict[str, Fact]:
     """The facts that the files state of the trial, which must not contradict each other."""
     stated: dict[str, tuple[Fact, str]] = {}
     for part in parts:
-        source = part.official.source if part.official else part.id
+        source = str(part.origin) if part.origin else repr(part.official.source if part.official else part.id)
         for name, value in sorted(part.facts.items()):
             known, first = stated.setdefault(name, (value, source))
             if known != value:
-                raise LogError(
-                    f"{first!r} says that {name} is {_said(known)}, {source!r} that it is {_said(value)}",
-                    file=file,
-                    hint="a bundle is one trial: leave out the file that belongs to another",
-                )
+                raise ContradictionError(name, (first, _said(known)), (source, _said(value)), file=file)
     return {name: stated[name][0] for name in sorted(stated)}
 
 

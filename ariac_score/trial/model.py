@@ -18,6 +18,7 @@ from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import LARGEST_VALUE, Series, Signal, align, columns_of
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.statements import FileOrigin, Statement
 from ariac_score.trial.work import Fact, Record, Submission, WorkItem, announced_s, checked_facts
 
 __all__ = [
@@ -255,6 +256,11 @@ class Trial:
         records: What the readers of a competition keep for its own checks; the core never looks inside.
         read_with: The entry points, as group and name, that its readers asked for help; a result names them.
         between: What is assumed of the time between samples; `None`: nothing, and gaps are not bounded.
+        origin: Of a part of a trial, the file it was read from and who gave it; `None` for a trial made of
+            several, or by hand.
+        statements: Whose statement its facts rest on, where it was read from files.
+        window_open: Why it is undecided when the competition started and ended, in words; empty where it is
+            decided. Trials made by hand are.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -278,6 +284,9 @@ class Trial:
     as_consumed: Mapping[str, Series] = field(default_factory=lambda: FrozenMap({}))
     read_with: frozenset[tuple[str, str]] = field(default=frozenset(), compare=False)
     between: BetweenSamples | None = field(default=None, compare=False)
+    origin: FileOrigin | None = field(default=None, compare=False)
+    statements: tuple[Statement, ...] = field(default=(), compare=False)
+    window_open: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))

@@ -17,6 +17,7 @@ from ariac_score import (
     only,
 )
 from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
+from ariac_score_ariac.agreement import is_announced, refuse_other_orders
 from ariac_score_ariac.stock.console import CONSOLE, CurrentScore, Said
 from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
 from ariac_score_ariac.stock.settling import Stock, stock_of
@@ -44,8 +45,8 @@ __all__ = ["joined", "settle_orders", "with_irregularities"]
 def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     """The merged trial with its orders, submissions and sensors.
 
-    Announced orders take precedence over configured ones; configured ones take their time from the
-    event of their announcement, and updates are applied. Fields that announced orders lack, such as
+    Orders that a log announces and a configuration states must be the same: the log gives their times.
+    Configured ones without take theirs from the event of their announcement, and updates are applied. Fields that announced orders lack, such as
     challenges, are taken from the configured ones. Submissions with contents take precedence over those
     of an official text, which has none, and configured sensors over recorded ones.
 
@@ -140,10 +141,11 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
 
 
 def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object) -> tuple[Order, ...]:
-    found = [orders_of(part) for part in parts if part.work]
+    stating = [(part, orders_of(part)) for part in parts if part.work]
+    refuse_other_orders(stating, file)
     # A log may announce an order again and again.
-    as_announced = [settle_orders(group, file=file) for group in found if _is_announced(group)]
-    found = [group for group in found if not _is_announced(group)]
+    as_announced = [settle_orders(group, file=file) for _, group in stating if is_announced(group)]
+    found = [group for _, group in stating if not is_announced(group)]
     orders = only("orders", as_announced or found, file) or ()
     configured = {o.id: o for group in found for o in group} if as_announced else {}
     orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
@@ -152,10 +154,6 @@ def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object
     if not dated:
         return _outlined(parts)
     return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
-
-
-def _is_announced(orders: Sequence[Order]) -> bool:
-    return any(order.announced_s is not None for order in orders)
 
 
 def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:

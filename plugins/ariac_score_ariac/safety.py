@@ -144,7 +144,8 @@ class NoEvent:
     """Something that a log would have recorded did not happen.
 
     Measures:
-        The events of one kind, such as `arm_collision` or `part_dropped`.
+        The events of one kind, such as `arm_collision` or `part_dropped`, from start to end of the
+        competition; what happens before or after it is nobody's mistake.
     Violated when:
         The log holds such an event; each is one violation. A log that would not have
         recorded the kind is inconclusive, not clean.
@@ -168,7 +169,12 @@ class NoEvent:
         """One finding for each event, or one that there was none."""
         name = self.kind.replace("_", " ")
         clause = "ARIAC scoring" if self.kind in _KINDS else ""
-        events = trial.events_of(self.kind)
+        window = trial.window
+        events = [
+            event
+            for event in trial.events_of(self.kind)
+            if window is None or window.start_s <= event.t_s <= window.end_s
+        ]
         for event in events:
             yield Finding(
                 event.subject or "trial",

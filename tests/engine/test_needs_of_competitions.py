@@ -233,7 +233,7 @@ def folder(install: Install, tmp_path: Path) -> Iterator[Path]:
 
 def write_rules(folder: Path, score: str, more: str = "") -> Path:
     path = folder.parent / "rules.yaml"
-    head = "id: lamps\ntitle: Lamps\nsource: this test\nlog_map: lamps.yaml\n"
+    head = "id: lamps\ntitle: Lamps\nsource: this test\nlog_map: lamps.yaml\nwindow: recording\n"
     path.write_text(f"{head}{more}\nscore: {score}\n", encoding="utf-8")
     return path
 

@@ -305,6 +305,7 @@ id: pressed
 title: Pressed
 source: this test
 log_map: log_map.yaml
+window: recording
 monitors:
   gentle: {use: "./checks.py:Gentle"}
   force_time: {use: "./checks.py:ForceTime"}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ariac_score.errors import LogError
+from ariac_score.errors import ContradictionError, LogError
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import (
@@ -389,10 +389,14 @@ def test_a_configured_update_counts_only_if_it_was_announced() -> None:
     assert (updated.tasks, updated.announced_s) == ((SECOND,), 6.0)
 
 
-def test_orders_as_announced_stand_before_orders_as_configured() -> None:
+def test_orders_that_are_announced_otherwise_than_configured_are_refused_with_both_files() -> None:
     configured = Trial("a", work=(Order("a", (SECOND,)), Order("b", (THIRD,))))
 
-    assert merged(configured, Trial("b", work=ORDERS)).work == ORDERS
+    with pytest.raises(ContradictionError) as refused:
+        merged(configured, Trial("b", work=ORDERS))
+    assert refused.value.cause == (
+        "shipment 'second' of order 'a': 'a' says it has one, 'b' says it has none of that name"
+    )
 
 
 def test_submissions_with_contents_stand_before_those_without() -> None:
@@ -568,7 +572,7 @@ def test_numbers_that_contradict_each_other_are_refused_with_both_files() -> Non
     with pytest.raises(LogError) as caught:
         merged(configured, recorded)
 
-    assert caught.value.cause == "'trial_1' says that time_limit_s is 600, 'results.db' that it is 601"
+    assert caught.value.cause == "time_limit_s: 'trial_1' says 600, 'results.db' says 601"
     assert caught.value.file == "bundle"
     assert caught.value.hint
 

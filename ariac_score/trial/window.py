@@ -1,0 +1,43 @@
+"""When the competition was: as the log shows its start and end, as the rules have it, or undecided."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ariac_score.trial.model import Trial
+from ariac_score.trial.statements import BY_RULES, NOBODY, RECORDER, Statement
+
+__all__ = ["RECORDING", "with_window"]
+
+RECORDING = "recording"
+"""The rules take the whole recording for the competition where it shows neither start nor end."""
+
+
+def with_window(trial: Trial, rule: str) -> Trial:
+    """The trial with what states its window, or with why that is undecided.
+
+    Args:
+        trial: As read.
+        rule: `window:` of the rule set.
+    """
+    if trial.recorded is None:  # nothing has a time: there is nothing that a window could leave out
+        return trial
+    start_s, end_s = trial.started_s, trial.ended_s
+    others = tuple(statement for statement in trial.statements if statement.fact != "window")
+    if start_s is not None and end_s is not None and start_s < end_s:
+        return trial
+    if trial.official is not None and not trial.sampled:
+        # The official record is of the competition from its start on, and nothing else moved.
+        stated = Statement("window", RECORDER, (trial.official.source,), "its times count from the start")
+        return replace(trial, statements=tuple(sorted((*others, stated))))
+    if start_s is None and end_s is None and rule == RECORDING:
+        whole = Statement("window", BY_RULES, detail="the whole recording")
+        return replace(trial, statements=tuple(sorted((*others, whole))))
+    if start_s is not None and end_s is not None:
+        why = "it shows an end of the competition that is not after its start"
+    else:
+        missing = "end" if end_s is None else "start"
+        missing = "start and end" if start_s is None and end_s is None else f"the {missing}"
+        why = f"it does not show {missing} of the competition"
+    nobody = Statement("window", NOBODY, detail=f"the log: {why}")
+    return replace(trial, window_open=f"the log: {why}", statements=tuple(sorted((*others, nobody))))
