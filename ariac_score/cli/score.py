@@ -11,6 +11,7 @@ from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import add_output, show
+from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.results.cohort_file import Cohort, load_cohort
@@ -35,6 +36,7 @@ def register(commands: Any) -> None:
         "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_trial_config(parser)
     add_local_plugins(parser)
     add_cohort(parser)
     parser.add_argument(
@@ -87,7 +89,8 @@ def add_cohort(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score and show; the exit code is 0 if there is a score."""
-    refuse_inputs(arguments.output, arguments.path)
+    for given in (arguments.path, *arguments.trial_config):
+        refuse_inputs(arguments.output, given)
     if arguments.time_limit_s and not is_apart():
         return run_apart(arguments.given, limit_s=arguments.time_limit_s)
     rule_set = load_rule_set(arguments.rules)
@@ -97,6 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.path,
             rule_set,
             log_map=arguments.log_map,
+            also=arguments.trial_config,
             registry=registry_of(arguments),
             progress=progress,
             jobs=arguments.jobs,

@@ -12,6 +12,7 @@ from typing import Any
 
 from ariac_score.cli.notes import counted
 from ariac_score.cli.stored import not_a_log
+from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.errors import UsageError
 from ariac_score.results.signing import check_signature
 from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
@@ -37,6 +38,7 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set that it should be scored by")
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_trial_config(parser)
     parser.add_argument(
         "--adjustments",
         type=Path,
@@ -76,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             log=arguments.log,
             rules=arguments.rules,
             log_map=arguments.log_map,
+            also=arguments.trial_config,
             adjustments=arguments.adjustments,
             local_plugins=arguments.local_plugins,
         )

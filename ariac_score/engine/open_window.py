@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.open_findings import Cause, OpenFindings
 from ariac_score.engine.ask import ask
 from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.trial.model import Trial
@@ -18,7 +19,7 @@ _RULES = "ariac_score.rules"
 
 def opened_by_window(
     found: list[Finding], each: PreparedCheck, trial: Trial, prepared: Prepared
-) -> list[Finding]:
+) -> tuple[list[Finding], list[OpenFindings]]:
     """The findings of a check, with those undecided that hang on a start or an end which nobody knows.
 
     What a monitor has not seen may have happened before the recording or after it. Whether a submission
@@ -29,24 +30,28 @@ def opened_by_window(
         each: The check.
         trial: The trial.
         prepared: The rule set.
+
+    Returns:
+        The findings, and for each subject whose submission may count or not, what was found in either case.
     """
     if not trial.window_open:
-        return found
+        return found, []
     if prepared.rule_set.checks[each.name].group == _RULES:
         return _of_rule(found, each, trial, prepared)
     said = any(f.verdict is Verdict.INCONCLUSIVE and "the competition" in f.message for f in found)
     undecided = all(f.verdict is Verdict.NOT_APPLICABLE for f in found)
     if said or undecided:  # who watches nobody misses nothing
-        return found
+        return found, []
     message = f"{trial.window_open}, so part of it may be missing"
-    return [*found, replace(Finding.inconclusive("trial", message, span=trial.window), check=each.name)]
+    more = replace(Finding.inconclusive("trial", message, span=trial.window), check=each.name)
+    return [*found, more], []
 
 
 def _of_rule(
     found: list[Finding], each: PreparedCheck, trial: Trial, prepared: Prepared
-) -> list[Finding]:
+) -> tuple[list[Finding], list[OpenFindings]]:
     if trial.official is not None:  # an official record has judged submissions itself
-        return found
+        return found, []
     submitted = {one.item_id for one in trial.submissions}
     without = (
         ask(each.plugin, each.name, each.check, replace(trial, submissions=()), words=prepared.words)
@@ -55,12 +60,34 @@ def _of_rule(
     )
     seen, unseen = _by_subject(found), _by_subject(without)
     items = {item.id for item in trial.work}
-    return [
-        _open(finding, trial.window_open)
-        if _hangs_on_window(finding, seen, unseen, submitted, items, ends=trial.ended_s is not None)
-        else finding
-        for finding in found
+    ends = trial.ended_s is not None
+    open_ = [_hangs_on_window(finding, seen, unseen, submitted, items, ends=ends) for finding in found]
+    worlds: list[OpenFindings] = []
+    for subject in dict.fromkeys(f.subject for f, is_open in zip(found, open_, strict=True) if is_open):
+        if seen[subject] != unseen.get(subject, Counter()):
+            number = sum(len(one.best) + len(one.worst) for one in worlds)
+            worlds.append(_either(subject, found, without, trial, number))
+    findings = [
+        _opened(finding, trial.window_open) if is_open else finding
+        for finding, is_open in zip(found, open_, strict=True)
     ]
+    return findings, worlds
+
+
+def _either(
+    subject: str, seen: Sequence[Finding], unseen: Sequence[Finding], trial: Trial, number: int
+) -> OpenFindings:
+    """What is found about a subject if its submission counts, and if it does not."""
+    both = [[f for f in found if f.subject == subject] for found in (seen, unseen)]
+    both.sort(key=lambda found: [f.verdict for f in found].count(Verdict.VIOLATED))
+    check = both[0][0].check if both[0] else both[1][0].check
+    spans = () if trial.window is None else (trial.window,)
+    best, worst = (
+        {f"{check}#{world}{number + i}": f for i, f in enumerate(found, start=1)}
+        for world, found in zip(("best", "worst"), both, strict=True)
+    )
+    cause = Cause(f"{trial.window_open}, so whether what was handed in counts is open", spans=spans)
+    return OpenFindings(check, subject, best, worst, (cause,))
 
 
 def _hangs_on_window(
@@ -88,7 +115,7 @@ def _by_subject(findings: Sequence[Finding]) -> dict[str, Counter[object]]:
     return by
 
 
-def _open(finding: Finding, why: str) -> Finding:
+def _opened(finding: Finding, why: str) -> Finding:
     message = f"{why}, so whether this counts is open: {finding.message}"
     return replace(
         finding, verdict=Verdict.INCONCLUSIVE, message=message, robustness=None, quantities={}, units={}

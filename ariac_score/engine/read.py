@@ -11,6 +11,7 @@ from typing import Any
 from ariac_score.checks.contracts import Decoder, Likening, Reader, TrackReader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.engine.completeness import with_completeness
 from ariac_score.engine.facts import refuse_other_facts
 from ariac_score.engine.prepared import Prepared, PreparedCheck, words_of
 from ariac_score.errors import (
@@ -308,6 +309,7 @@ def read_needed(
         or prepared.competition,
     )
     trial = with_window(trial, prepared.rule_set.authority.window)
+    trial = with_completeness(trial, prepared)
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas
         refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)

@@ -16,7 +16,16 @@ from ariac_score.documents.schema import schema, schema_errors, validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, did_you_mean
 
-__all__ = ["MAX_DEPTH", "MAX_FILES", "Bundle", "Part", "find_parts", "name_from", "with_parts", "without_stating"]
+__all__ = [
+    "MAX_DEPTH",
+    "MAX_FILES",
+    "Bundle",
+    "Part",
+    "find_parts",
+    "name_from",
+    "with_parts",
+    "without_stating",
+]
 
 BUNDLE_FILE = "bundle.yaml"
 MAX_DEPTH = 4
@@ -145,7 +154,9 @@ def without_stating(bundle: Bundle, roles: Set[str]) -> Bundle:
         bundle,
         parts=tuple(part for part in bundle.parts if part not in left_out),
         ignored=tuple(sorted([*bundle.ignored, *names])),
-        stated=tuple((path, digest) for path, digest in bundle.stated if path not in {p.path for p in left_out}),
+        stated=tuple(
+            (path, digest) for path, digest in bundle.stated if path not in {p.path for p in left_out}
+        ),
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
 from ariac_score.logs.gather.collector import Collector
@@ -108,6 +109,8 @@ class RosbagReader:
         builder = TrialBuilder(_trial_id(path), file=path, clock=clock.clock)
         builder.recorded = clock.recorded
         collector.settle(builder, clock.origin_ns)
+        if statistics.has(MANIFEST) or statistics.has(HEARTBEAT):
+            builder.attestation = attestation_of(path, clock.origin_ns)
         for defect in _contradicting(scan, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()

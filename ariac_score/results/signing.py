@@ -27,6 +27,7 @@ __all__ = [
     "make_keys",
     "sign_result",
     "signature_file",
+    "signed_text",
     "verify_signature",
 ]
 
@@ -165,6 +166,30 @@ def _key_bytes(key: Path) -> bytes:
         raise UsageError(
             f"cannot be read: {cause.strerror}", file=key, hint="check the permissions"
         ) from cause
+
+
+def signed_text(text: str, signature: str, public_key: str) -> str:
+    """Why a signature does not vouch for a text; empty where it does.
+
+    Args:
+        text: What should be signed, such as the manifest of a recorder.
+        signature: As minisign writes it, of either kind.
+        public_key: The key itself, or its file.
+
+    Raises:
+        UsageError: The public key cannot be used.
+    """
+    library = _library()
+    public = _public_key(library, public_key)
+    if not signature:
+        return "it is not signed"
+    try:
+        public.verify(text.encode("utf-8"), library.Signature.from_bytes(signature.encode("utf-8")))
+    except ValueError as cause:
+        return f"its signature is none: {cause}"
+    except library.VerifyError:
+        return f"it is not signed with the key {_key_id(public)}"
+    return ""
 
 
 def verify_signature(result: Path, public_key: str, signature: Path | None = None) -> Signed:

@@ -94,6 +94,7 @@ def verify_result(
     log: Path | None = None,
     rules: str = "",
     log_map: str = "",
+    also: Sequence[Path] = (),
     adjustments: Path | None = None,
     registry: Registry | None = None,
     local_plugins: bool = False,
@@ -105,6 +106,7 @@ def verify_result(
         log: Its log, bundle, or the competition it is a run of; then everything is computed again.
         rules: The rule set it must be scored by; without it, the installed one of the same name.
         log_map: Log map, where the rule set names one that lies elsewhere.
+        also: Configurations that it was scored with, where they lie elsewhere than the log.
         adjustments: The stewards' file, where the result is adjusted.
         registry: The installed plugins.
         local_plugins: Whether files of code beside the rule set may run, where they are those that the
@@ -143,7 +145,7 @@ def verify_result(
             if files := ", ".join(sorted(_stated_files(result))):
                 steps.append(Step("local", OK, f"{files} beside the rule set made it"))
         # The automatic result: decisions of stewards are applied to it, not measured.
-        again = _again(result.automatic, log, rule_set, log_map, registry or Registry())
+        again = _again(result.automatic, log, rule_set, log_map, registry or Registry(), also)
         again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
         again, parts = _as_it_was_read(result.automatic, again)
         steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
@@ -400,11 +402,18 @@ def _rule_set_for(result: Result, given: RuleSet | None, *, required: bool) -> R
     return replace(own, sha256=result.provenance.rule_set.sha256)
 
 
-def _again(stored: Result, log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Result:
+def _again(
+    stored: Result,
+    log: Path,
+    rule_set: RuleSet,
+    log_map: str,
+    registry: Registry,
+    also: Sequence[Path],
+) -> Result:
     """The result computed again, with the values across teams it was priced with."""
     competition = _competition(log, rule_set)
     if competition is None:
-        result = score_trial(log, rule_set, log_map=log_map, registry=registry)
+        result = score_trial(log, rule_set, log_map=log_map, registry=registry, also=also)
     else:
         run = _run_of(stored, competition)
         configs = [t.config for t in competition.trials if t.id == run.trial]

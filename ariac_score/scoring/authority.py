@@ -19,6 +19,7 @@ class Authority:
         window: What bounds the competition: `events` (its start and end, as recorded), or `recording`
             where a log shows neither.
         completeness: `attested` where only logs count whose recorder proves that nothing is missing.
+        recorder_keys: The public keys of the recorders whose signature counts, as minisign writes them.
 
     >>> Authority.of({"window": "recording"}).window
     'recording'
@@ -27,6 +28,7 @@ class Authority:
     work: str = ""
     window: str = "events"
     completeness: str = ""
+    recorder_keys: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Authority:
@@ -35,4 +37,5 @@ class Authority:
             work=document.get("authority", {}).get("work", ""),
             window=document.get("window", "events"),
             completeness=document.get("completeness", ""),
+            recorder_keys=tuple(document.get("authority", {}).get("recorder_keys", ())),
         )

@@ -53,7 +53,9 @@ def _refuse_other_statements(first: Trial, second: Trial, file: object) -> None:
     pairs: list[tuple[str, Any, Any]] = [
         (name, one.get(name), other.get(name)) for name in sorted({*one, *other})
     ]
-    sensors = [dict(t.team.sensors) if t.team and t.team.sensors is not None else None for t in (first, second)]
+    sensors = [
+        dict(t.team.sensors) if t.team and t.team.sensors is not None else None for t in (first, second)
+    ]
     if None not in sensors:
         pairs.append(("the sensors of the team", *(sorted((s or {}).items()) for s in sensors)))  # type: ignore[arg-type]
     pairs += [("what else it states", a, b) for a, b in [(first.records, second.records)]]
@@ -69,7 +71,13 @@ def _named(part: Trial) -> str:
 def _said(value: Any) -> str:
     if isinstance(value, tuple | list) and len(value) == 1:
         return _said(value[0])
-    text = "nothing" if value is None or value in ((), []) else f"{value:g}" if isinstance(value, float) else repr(value)
+    text = (
+        "nothing"
+        if value is None or value in ((), [])
+        else f"{value:g}"
+        if isinstance(value, float)
+        else repr(value)
+    )
     return text if len(text) <= 200 else f"{text[:197]}..."
 
 
@@ -85,8 +93,10 @@ def _differences(
             known = a or b
             assert known is not None  # the name is of one of them
             there = f"there is {known.level} {name!r}"
-            yield f"{known.level} {path!r}", there if a else f"there is no {known.level} of that name", (
-                there if b else f"there is no {known.level} of that name"
+            yield (
+                f"{known.level} {path!r}",
+                there if a else f"there is no {known.level} of that name",
+                (there if b else f"there is no {known.level} of that name"),
             )
             continue
         yield from _differences(a.items, b.items, path)
@@ -94,8 +104,9 @@ def _differences(
 
 
 def _in_fields(what: str, one: WorkItem, other: WorkItem) -> Iterator[tuple[str, str, str]]:
-    if is_dataclass(one) and type(one) is type(other):
-        names = [f.name for f in fields(one) if f.compare and f.name not in _TIMES]
+    kept: Any = one
+    if is_dataclass(kept) and type(one) is type(other):
+        names = [f.name for f in fields(kept) if f.compare and f.name not in _TIMES]
         inner = {id(one.items), id(other.items)}
         for name in names:
             a, b = getattr(one, name), getattr(other, name)
@@ -115,19 +126,13 @@ def statements_of(parts: Sequence[Trial]) -> tuple[Statement, ...]:
     if not named:
         return ()
     given = [origin for part, origin in named if part.work and origin.given]
-    announced = [
-        origin for part, origin in named if any(announced_s(item) is not None for item in part.work)
-    ]
+    announced = [origin for part, origin in named if any(announced_s(item) is not None for item in part.work)]
     others = [origin for part, origin in named if part.work or part.official is not None]
     found = []
     if given or announced or others:
         both = "the log announces the same" if given and announced else ""
         found.append(statement_of("work", given or announced or others, both))
-    bounds = [
-        origin
-        for part, origin in named
-        if part.started_s is not None or part.ended_s is not None
-    ]
+    bounds = [origin for part, origin in named if part.started_s is not None or part.ended_s is not None]
     if bounds:
         found.append(statement_of("window", bounds))
     teams = [origin for part, origin in named if part.team is not None and part.team.sensors is not None]

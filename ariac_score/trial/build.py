@@ -13,6 +13,7 @@ import numpy as np
 from ariac_score.errors import ContradictionError, LogError
 from ariac_score.trial.agreement import counting_parts, refuse_other_work, statements_of
 from ariac_score.trial.believed import believed, without_contested
+from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
@@ -82,6 +83,7 @@ class TrialBuilder:
         self.recorded: Span | None = None
         self.facts: dict[str, Fact] = {}
         self.records: list[Record] = []
+        self.attestation: Attestation | None = None
         self._defects: dict[tuple[str, str], LogDefect] = {}
 
     def add(self, item: WorkItem | Submission | Event | Record) -> None:
@@ -206,6 +208,7 @@ class TrialBuilder:
             recorded=self.recorded or _span_of(self._sampled, self.events, self.submissions),
             facts={name: self.facts[name] for name in sorted(self.facts)},
             records=tuple(self.records),
+            attestation=self.attestation,
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
         )
 
@@ -295,6 +298,9 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         records=_records(parts),
         read_with=frozenset(point for p in parts for point in p.read_with),
         statements=statements_of(parts),
+        attestations=tuple(
+            (p.origin.file, p.attestation) for p in parts if p.origin and p.origin.role == "log"
+        ),
     )
     join = getattr(competition, "join", None)
     merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ariac_score.errors import LogError, MissingSignalError, UsageError
 from ariac_score.trial import quaternions
+from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.bounds import BetweenSamples
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
@@ -259,8 +260,11 @@ class Trial:
         origin: Of a part of a trial, the file it was read from and who gave it; `None` for a trial made of
             several, or by hand.
         statements: Whose statement its facts rest on, where it was read from files.
-        window_open: Why it is undecided when the competition started and ended, in words; empty where it is
-            decided. Trials made by hand are.
+        window_open: Why it is undecided what happened in the competition, in words: nobody knows when it
+            started or ended, or messages are known to be missing. Empty where it is decided; trials made by
+            hand are.
+        attestation: Of a part of a trial, what its recorder attests; `None` where it attests nothing.
+        attestations: Of each log that it was read from, by name of the file.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -287,6 +291,8 @@ class Trial:
     origin: FileOrigin | None = field(default=None, compare=False)
     statements: tuple[Statement, ...] = field(default=(), compare=False)
     window_open: str = ""
+    attestation: Attestation | None = None
+    attestations: tuple[tuple[str, Attestation | None], ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))

@@ -56,7 +56,9 @@ def _differences(configured: Sequence[Order], announced: Sequence[Order]) -> Ite
         theirs = {task.id: task for task in order.tasks}
         for name in dict.fromkeys([*tasks, *theirs]):
             if name not in tasks or name not in theirs:
-                has = ["it has one" if name in each else "it has none of that name" for each in (tasks, theirs)]
+                has = [
+                    "it has one" if name in each else "it has none of that name" for each in (tasks, theirs)
+                ]
                 yield f"shipment {name!r} of order {order.id!r}", has[0], has[1]
             else:
                 yield from _of_task(tasks[name], theirs[name])

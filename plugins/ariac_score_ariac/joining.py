@@ -46,9 +46,9 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     """The merged trial with its orders, submissions and sensors.
 
     Orders that a log announces and a configuration states must be the same: the log gives their times.
-    Configured ones without take theirs from the event of their announcement, and updates are applied. Fields that announced orders lack, such as
-    challenges, are taken from the configured ones. Submissions with contents take precedence over those
-    of an official text, which has none, and configured sensors over recorded ones.
+    Configured ones without take theirs from the event of their announcement, and updates are applied. What
+    announced orders lack, such as challenges, is taken from the configured ones. Submissions with contents
+    take precedence over those of an official text, which has none, and configured sensors over recorded ones.
 
     Raises:
         LogError: Two logs contradict each other.

@@ -43,6 +43,10 @@ class TopicStatistics:
             stamps_ns = batch.stamps_ns[batch.sources == place]
             self._topics[connection.topic].stamps_ns.frombytes(stamps_ns.tobytes())
 
+    def has(self, topic: str) -> bool:
+        """Whether the recording has a topic of that name."""
+        return topic in self._topics
+
     @property
     def first_ns(self) -> int | None:
         """The earliest stamp of all, ns; `None` without messages."""

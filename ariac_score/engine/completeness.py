@@ -1,0 +1,96 @@
+"""Whether a log is complete: what its recorder attests, what the rules ask for, what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ariac_score.engine.prepared import Prepared
+from ariac_score.errors import LogError, RuleSetError
+from ariac_score.results.signing import signed_text
+from ariac_score.trial.attestation import Attestation
+from ariac_score.trial.model import Trial
+from ariac_score.trial.statements import NOBODY, RECORDER, Statement
+
+__all__ = ["with_completeness"]
+
+_ATTESTED = "attested"
+_NO_MANIFEST = "no recorder's manifest is in it"
+
+
+def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
+    """The trial with whether its completeness is attested, and undecided where it is known to lack something.
+
+    Raises:
+        LogError: The rules ask for an attested log, and this is none.
+        RuleSetError: The rules ask for one, and name no key that could attest it.
+    """
+    rules = prepared.rule_set.authority
+    asked = rules.completeness == _ATTESTED
+    if asked and not rules.recorder_keys:
+        raise RuleSetError(
+            "'completeness: attested' needs the public key of the organiser's recorder",
+            file=prepared.rule_set.file,
+            place="$.completeness",
+            hint="add 'authority: {recorder_keys: [RW…]}', as minisign writes it into its .pub file",
+        )
+    if not trial.attestations:  # an official text, or a trial made by hand: there is no log to be complete
+        if asked:
+            raise LogError(
+                "completeness is not attested: there is no log of a recorder", file=trial.id, hint=_RECORD
+            )
+        return trial
+    reasons = {file: _reason(found, prepared) for file, found in trial.attestations}
+    lacks = [words for _, found in trial.attestations if found for words in _lacking(found, prepared)]
+    for file, reason in reasons.items():
+        if asked and reason:
+            raise LogError(f"completeness is not attested: {reason}", file=file, hint=_RECORD)
+    if asked and lacks:
+        raise LogError(
+            f"its recorder received more than the log holds: {lacks[0]}", file=trial.id, hint=_RECORD
+        )
+    open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
+    statement = (
+        Statement("completeness", NOBODY, detail="; ".join(open_))
+        if open_
+        else Statement("completeness", RECORDER, tuple(sorted(reasons)), "; ".join(lacks))
+    )
+    why = trial.window_open or (f"the log lacks what its recorder received, {lacks[0]}" if lacks else "")
+    return replace(trial, window_open=why, statements=tuple(sorted((*trial.statements, statement))))
+
+
+_RECORD = "record with the organiser's recorder running to the end: docs/completeness.md"
+
+
+def _reason(found: Attestation | None, prepared: Prepared) -> str:
+    """Why a log is not attested; empty where it is."""
+    if found is None:
+        return _NO_MANIFEST
+    if found.problem:
+        return found.problem
+    read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
+    if unattested := sorted(read & set(found.unattested)):
+        return f"its recorder did not listen to {', '.join(unattested)}"
+    keys = prepared.rule_set.authority.recorder_keys
+    if not keys:
+        return "a manifest is in it, and the rules name no key that should have signed it"
+    refused = [signed_text(found.body, found.signature, key) for key in keys]
+    return "" if not all(refused) else f"of its manifest, {refused[0]}"
+
+
+def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
+    """What is missing, or was put in, on topics that say what happened or what was to be done.
+
+    A sample that is missing is a gap of its signal, and bounded as such.
+    """
+    telling = {
+        channel.topic
+        for channel in prepared.log_map.channels
+        if channel.whole or channel.as_consumed or channel.poses == "models"
+    }
+    lacking = [str(one) for one in found.lacking if one.topic in telling]
+    put_in = [
+        f"{count} message{'' if count == 1 else 's'} on {topic} that it did not receive"
+        for topic, count in found.unlisted
+        if topic in telling
+    ]
+    return lacking + put_in

@@ -1,0 +1,215 @@
+"""Holding a recording against what its recorder attests: its heartbeats and manifest."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ariac_score.documents.schema import strict_json
+from ariac_score.errors import LogError
+from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.logs.containers.detect import open_scan
+from ariac_score.logs.containers.items import Batch, Connection, Message
+from ariac_score.trial.attestation import Attestation, Lacking
+from ariac_score.trial.spans import Span
+
+__all__ = ["HEARTBEAT", "MANIFEST", "attestation_of"]
+
+HEARTBEAT, MANIFEST = "/ariac_score/heartbeat", "/ariac_score/manifest"
+FORMAT = "ariac-score-manifest/1"
+_DIGEST_CHARS = 16
+_DIGEST_BYTES = 12
+
+
+class _UnfitError(Exception):
+    """What the recorder says does not fit together; the text says where."""
+
+
+@dataclass
+class _Found:
+    """What a recording holds: heartbeats and manifests in recorded order, digests of all other messages."""
+
+    heartbeats: list[tuple[int, Any]] = field(default_factory=list)
+    manifests: list[Any] = field(default_factory=list)
+    digests: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    stamps_ns: dict[str, list[tuple[int, str]]] = field(default_factory=lambda: defaultdict(list))
+
+
+def attestation_of(path: Path, origin_ns: int) -> Attestation:
+    """What the recorder of a recording attests.
+
+    Args:
+        path: The recording.
+        origin_ns: Log time at trial time 0.
+
+    Raises:
+        LogError: It cannot be read.
+    """
+    found = _scanned(path)
+    closed = [manifest for manifest in found.manifests if manifest.closed]
+    manifest = closed[-1] if closed else None
+    try:
+        if manifest is None:
+            raise _UnfitError("its recorder did not close its manifest: it was ended, or this was cut off")
+        return _held_against(found, manifest, origin_ns)
+    except _UnfitError as unfit:
+        return Attestation(
+            str(unfit),
+            body="" if manifest is None else manifest.body,
+            signature="" if manifest is None else manifest.signature,
+        )
+
+
+def _scanned(path: Path) -> _Found:
+    found = _Found()
+    decoders: dict[Connection, Decode] = {}
+    for message in _messages(path):
+        connection = message.connection
+        if connection.topic in (HEARTBEAT, MANIFEST):
+            decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
+            decoded = decode(message.payload)
+            if connection.topic == HEARTBEAT:
+                found.heartbeats.append((message.stamp_ns, decoded))
+            else:
+                found.manifests.append(decoded)
+        else:
+            digest = _digest(message.payload)
+            found.digests[connection.topic][digest] += 1
+            found.stamps_ns[connection.topic].append((message.stamp_ns, digest))
+    return found
+
+
+def _messages(path: Path) -> Iterator[Message]:
+    for item in open_scan(path, jobs=1):
+        if isinstance(item, Message):
+            yield item
+        elif isinstance(item, Batch):
+            yield from item.messages()
+
+
+def _decoder(connection: Connection, path: Path) -> Decode:
+    try:
+        return decoder_for(connection)
+    except UnknownTypeError as error:
+        raise LogError(
+            f"a message on {connection.topic!r} cannot be decoded: {error}",
+            file=path,
+            hint="record it with its message definitions",
+        ) from error
+
+
+def _digest(payload: bytes | memoryview) -> str:
+    return base64.b64encode(hashlib.sha256(payload).digest()[:_DIGEST_BYTES]).decode("ascii")
+
+
+def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
+    stated = _content(manifest.body, "the manifest")
+    _refuse_other_recording(found, manifest, stated)
+    beats = _chained(found, manifest.recording, stated)
+    listed, spans = _listed(beats, stated, origin_ns)
+    _refuse_other_counts(listed, stated)
+    lacking = []
+    for topic, digests in sorted(listed.items()):
+        missing = digests - found.digests.get(topic, Counter())
+        if missing:
+            times = [span for digest in missing for span in spans[topic, digest]]
+            span = Span(min(s.start_s for s in times), max(s.end_s for s in times))
+            lacking.append(Lacking(topic, missing.total(), span))
+    return Attestation(
+        lacking=tuple(lacking),
+        unlisted=tuple(_unlisted(found, listed, beats)),
+        unattested=tuple(sorted(found.digests.keys() - listed.keys())),
+        body=manifest.body,
+        signature=manifest.signature,
+    )
+
+
+def _content(body: str, what: str) -> Any:
+    try:
+        content = strict_json(body)
+    except (ValueError, RecursionError) as cause:
+        raise _UnfitError(f"{what} is no JSON: {cause}") from None
+    if not isinstance(content, dict):
+        raise _UnfitError(f"{what} is no mapping")
+    return content
+
+
+def _refuse_other_recording(found: _Found, manifest: Any, stated: Mapping[str, Any]) -> None:
+    if stated.get("format") != FORMAT:
+        raise _UnfitError(f"its manifest has the format {stated.get('format')!r}, not {FORMAT!r}")
+    names = {beat.recording for _, beat in found.heartbeats} | {m.recording for m in found.manifests}
+    if stated.get("recording") != manifest.recording or names != {manifest.recording}:
+        others = sorted(names - {manifest.recording})
+        words = f"recording {others[0]!r} is in it as well" if others else "it states another recording"
+        raise _UnfitError(f"its manifest is of recording {manifest.recording!r}, and {words}")
+
+
+def _chained(found: _Found, recording: str, stated: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
+    """The heartbeats in order, with their log times; each chain follows from the one before."""
+    beats, chain = [], recording
+    for number, (stamp_ns, beat) in enumerate(sorted(found.heartbeats, key=lambda b: b[1].sequence), start=1):
+        if beat.sequence != number:
+            raise _UnfitError(f"heartbeat {number} of its recorder is missing, or there twice")
+        chain = hashlib.sha256((chain + beat.body).encode("utf-8")).hexdigest()
+        content = _content(beat.body, f"heartbeat {number}")
+        if (beat.chain, content.get("sequence"), content.get("recording")) != (chain, number, recording):
+            raise _UnfitError(f"the chain of its recorder breaks at heartbeat {number}")
+        beats.append((stamp_ns, content))
+    last = stated.get("heartbeats")
+    if not isinstance(last, dict) or (last.get("count"), last.get("chain")) != (len(beats), chain):
+        raise _UnfitError("the chain of its heartbeats does not end as its manifest says")
+    return beats
+
+
+def _listed(
+    beats: list[tuple[int, Mapping[str, Any]]], stated: Mapping[str, Any], origin_ns: int
+) -> tuple[dict[str, Counter[str]], dict[tuple[str, str], list[Span]]]:
+    """The digests of every topic that was listened to, and between which heartbeats each arrived."""
+    topics = stated.get("topics")
+    if not isinstance(topics, dict):
+        raise _UnfitError("its manifest lists no topics")
+    listed: dict[str, Counter[str]] = {topic: Counter() for topic in topics}
+    spans: dict[tuple[str, str], list[Span]] = defaultdict(list)
+    before_s = None
+    for number, (stamp_ns, content) in enumerate(beats, start=1):
+        at_s = (stamp_ns - origin_ns) / 1e9
+        span = Span(min(at_s, at_s if before_s is None else before_s), at_s)
+        arrived = content.get("topics")
+        if not isinstance(arrived, dict):
+            raise _UnfitError(f"heartbeat {number} of its recorder has no topics")
+        for topic, block in arrived.items():
+            if topic not in listed or not isinstance(block, dict):
+                raise _UnfitError(f"heartbeat {number} lists {topic!r}, and its manifest does not")
+            text, first = block.get("digests"), block.get("first")
+            if not isinstance(text, str) or len(text) % _DIGEST_CHARS or first != listed[topic].total() + 1:
+                raise _UnfitError(f"heartbeat {number} does not count on from the one before on {topic!r}")
+            for start in range(0, len(text), _DIGEST_CHARS):
+                digest = text[start : start + _DIGEST_CHARS]
+                listed[topic][digest] += 1
+                spans[topic, digest].append(span)
+        before_s = at_s
+    return listed, spans
+
+
+def _refuse_other_counts(listed: Mapping[str, Counter[str]], stated: Mapping[str, Any]) -> None:
+    for topic, block in stated["topics"].items():
+        if not isinstance(block, dict) or block.get("count") != listed[topic].total():
+            raise _UnfitError(f"its manifest and its heartbeats count other messages on {topic!r}")
+
+
+def _unlisted(
+    found: _Found, listed: Mapping[str, Counter[str]], beats: list[tuple[int, Mapping[str, Any]]]
+) -> Iterator[tuple[str, int]]:
+    """How many messages between the first and the last heartbeat the recorder did not receive, by topic."""
+    if not beats:
+        return
+    first_ns, last_ns = beats[0][0], beats[-1][0]
+    for topic, digests in sorted(listed.items()):
+        inside = Counter(d for t_ns, d in found.stamps_ns.get(topic, ()) if first_ns <= t_ns <= last_ns)
+        if more := (inside - digests).total():
+            yield topic, more

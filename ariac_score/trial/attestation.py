@@ -1,0 +1,50 @@
+"""What a recorder attests about a recording: what it received, and what of that the log lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ariac_score.trial.spans import Span
+
+__all__ = ["Attestation", "Lacking"]
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """Messages of one topic that a recorder received and the log lacks.
+
+    Attributes:
+        topic: Its name.
+        count: How many.
+        span: From the heartbeat before the first of them to the heartbeat after the last, s of trial time.
+    """
+
+    topic: str
+    count: int
+    span: Span
+
+    def __str__(self) -> str:
+        """In words."""
+        messages = "1 message" if self.count == 1 else f"{self.count} messages"
+        return f"{messages} on {self.topic} from {self.span.start_s:.3f} s to {self.span.end_s:.3f} s"
+
+
+@dataclass(frozen=True)
+class Attestation:
+    """What a recorder attests about a log.
+
+    Attributes:
+        problem: Why nothing is attested, in words: it was not closed, or does not fit; empty where it fits.
+        lacking: What was received and is not in the log, in order of topics.
+        unlisted: How many messages the log has of each topic that the recorder did not receive.
+        unattested: Topics of the log that the recorder did not listen to.
+        body: The manifest, whose bytes are signed.
+        signature: The text of the signature; empty where there is none.
+    """
+
+    problem: str = ""
+    lacking: tuple[Lacking, ...] = ()
+    unlisted: tuple[tuple[str, int], ...] = ()
+    unattested: tuple[str, ...] = ()
+    body: str = ""
+    signature: str = ""

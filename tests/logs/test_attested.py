@@ -1,0 +1,178 @@
+"""What a recorder's manifest proves: what is missing is known, and what does not fit attests nothing."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import stat
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ariac_score import LogError, Result, score_trial
+from ariac_score.errors import RuleSetError
+from ariac_score.logs.columnar.types import bundled_typestore
+from ariac_score.results.signing import make_keys
+from ariac_score.testing import Recorded, write_bag
+from ariac_score.testing.bags import _built
+
+EVENTS = "/ariac_score/events"
+RECORDING = "7f3c" * 8
+HAPPENED = (
+    (0.0, "watching", "arm_collision"),
+    (1.0, "competition_started", ""),
+    (5.0, "arm_collision", ""),
+    (9.0, "competition_ended", ""),
+)
+HONEST = 0
+"""An arm collision takes everything."""
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, sort_keys=True, separators=(",", ":"))
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def events() -> list[Recorded]:
+    return [
+        Recorded(
+            EVENTS, "ariac_score_msgs/msg/TrialEvent", round(t_s * 1e9), {"kind": kind, "subject": subject}
+        )
+        for t_s, kind, subject in HAPPENED
+    ]
+
+
+def digest(message: Recorded) -> str:
+    store = bundled_typestore(2)
+    payload = store.serialize_cdr(
+        _built(store, message.type, message.fields), message.type, little_endian=True
+    )
+    return base64.b64encode(hashlib.sha256(bytes(payload)).digest()[:12]).decode()
+
+
+def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[Recorded]:
+    """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
+    out, chain, counted = list(messages), RECORDING, 0
+    for second in range(10):
+        now = [m for m in messages if second * 10**9 <= m.t_ns < (second + 1) * 10**9]
+        topics = {EVENTS: {"first": counted + 1, "digests": "".join(map(digest, now))}} if now else {}
+        counted += len(now)
+        body = _json({"recording": RECORDING, "sequence": second + 1, "topics": topics})
+        chain = _sha256(chain + body)
+        beat = {"recording": RECORDING, "sequence": second + 1, "body": body, "chain": chain}
+        out.append(recorder("heartbeat", "Heartbeat", (second + 1) * 10**9 - 1, beat))
+    manifest = _json(
+        {
+            "format": "ariac-score-manifest/1",
+            "recording": RECORDING,
+            "closed": True,
+            "heartbeats": {"count": 10, "chain": chain},
+            "topics": {EVENTS: {"count": counted}},
+        }
+    )
+    said = {"recording": RECORDING, "closed": True, "body": manifest, "signature": sign(manifest)}
+    out.append(recorder("manifest", "Manifest", 10 * 10**9, said))
+    return sorted(out, key=lambda m: m.t_ns)
+
+
+def recorder(name: str, kind: str, t_ns: int, fields: dict[str, Any]) -> Recorded:
+    return Recorded(f"/ariac_score/{name}", f"ariac_score_msgs/msg/{kind}", t_ns, fields)
+
+
+Signing = tuple[str, Callable[[str], str]]
+
+
+@pytest.fixture(scope="module")
+def signing(tmp_path_factory: pytest.TempPathFactory) -> Signing:
+    """A public key, and what signs with it: as minisign did before it hashed what it signs."""
+    minisign = pytest.importorskip("minisign")
+    secret, public = make_keys(tmp_path_factory.mktemp("keys") / "organiser.key")
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+    key = minisign.SecretKey.from_bytes(secret.read_bytes())
+    text = public.read_text().splitlines()[1]
+    return text, lambda body: bytes(key.sign(body.encode(), prehash=False, trusted_comment="t")).decode()
+
+
+def scored(folder: Path, messages: Sequence[Recorded], more: str = "") -> Result:
+    rules = folder / "rules.yaml"
+    rules.write_text(
+        "id: clean\ntitle: Clean\nsource: this test\nlog_map: ariac2020\nlevels: [trial]\n"
+        "monitors: {clean: {use: ariac.no_event}}\nscore: 10 * holds(clean)\n" + more,
+        encoding="utf-8",
+    )
+    return score_trial(write_bag(folder / "run.mcap", messages, storage="mcap"), rules)
+
+
+def completeness(result: Result) -> str:
+    (found,) = (s for s in result.measured.statements if s.fact == "completeness")
+    return f"{found.by}: {found.detail}"
+
+
+def attesting(signing: Signing) -> str:
+    return f"completeness: attested\nauthority: {{recorder_keys: ['{signing[0]}']}}\n"
+
+
+def without(messages: Sequence[Recorded], topic: str, number: int) -> list[Recorded]:
+    left_out = [m for m in messages if m.topic == topic][number]
+    return [m for m in messages if m is not left_out]
+
+
+def test_a_log_that_is_whole_is_attested(tmp_path: Path, signing: Signing) -> None:
+    found = scored(tmp_path, attested(events(), signing[1]), attesting(signing))
+
+    assert (found.score, found.is_open) == (HONEST, False)
+    assert completeness(found) == "recorder: "
+
+
+def test_an_event_that_is_left_out_is_known_to_be_missing(tmp_path: Path, signing: Signing) -> None:
+    """Without a manifest, one event less is worth all points, and nothing shows it but that sentence."""
+    bare = scored(tmp_path, without(events(), EVENTS, 2))
+    assert (bare.score, completeness(bare)) == (10, "nobody: run.mcap: no recorder's manifest is in it")
+
+    attacked = without(attested(events(), signing[1]), EVENTS, 2)
+    open_ = scored(tmp_path, attacked)
+    assert open_.is_open
+    assert (open_.score or 0) <= HONEST
+    with pytest.raises(LogError) as refused:
+        scored(tmp_path, attacked, attesting(signing))
+    assert "1 message on /ariac_score/events from 5.000 s to 6.000 s" in refused.value.cause
+
+
+def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Signing, subtests: Any) -> None:
+    whole = attested(events(), signing[1])
+    other = [
+        replace(m, fields={**m.fields, "recording": "other"}) if m.topic.endswith("manifest") else m
+        for m in whole
+    ]
+    beats = [m for m in whole if m.topic.endswith("heartbeat")]
+    edited = [
+        replace(m, fields={**m.fields, "body": m.fields["body"].replace(digest(events()[2]), "A" * 16)})
+        for m in whole
+        if "body" in m.fields
+    ]
+    put_in = [*whole, replace(events()[1], t_ns=6 * 10**9)]
+    cases = {
+        "no manifest": (events(), "no recorder's manifest is in it"),
+        "never closed": (whole[:-1], "did not close its manifest"),
+        "a heartbeat left out": (without(whole, beats[3].topic, 3), "heartbeat 4 of its recorder is missing"),
+        "a heartbeat edited": ([*events(), *edited], "the chain of its recorder breaks at heartbeat 6"),
+        "of another recording": (other, "recording '7f3c"),
+        "not signed": (attested(events(), lambda _: ""), "it is not signed"),
+        "signed by nobody known": (attested(events(), lambda _: "RW"), "its signature is none"),
+        "a message put in": (sorted(put_in, key=lambda m: m.t_ns), "that it did not receive"),
+    }
+    for name, (messages, words) in cases.items():
+        with subtests.test(name), pytest.raises(LogError, match=words):
+            scored(tmp_path, messages, attesting(signing))
+
+
+def test_who_asks_for_attested_logs_names_a_key(tmp_path: Path) -> None:
+    with pytest.raises(RuleSetError, match="needs the public key"):
+        scored(tmp_path, events(), "completeness: attested\n")
