@@ -50,8 +50,6 @@ def opened_by_window(
 def _of_rule(
     found: list[Finding], each: PreparedCheck, trial: Trial, prepared: Prepared
 ) -> tuple[list[Finding], list[OpenFindings]]:
-    if trial.official is not None:  # an official record has judged submissions itself
-        return found, []
     submitted = {one.item_id for one in trial.submissions}
     without = (
         ask(each.plugin, each.name, each.check, replace(trial, submissions=()), words=prepared.words)

@@ -24,7 +24,7 @@ from ariac_score.errors import (
     ScoreError,
 )
 from ariac_score.installed.captured_output import fault_of, quiet
-from ariac_score.logs.bundle import Bundle, find_parts, name_from, with_parts, without_stating
+from ariac_score.logs.bundle import Bundle, Part, find_parts, name_from, with_parts, without_stating
 from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap, PluginUse
@@ -228,7 +228,8 @@ def read_trial(
 
         own_map = log_map.filled(facts) if part.role == "log" else log_map
         wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks)
-        origin = FileOrigin(name_from(bundle.folder, part.path), part.role, part.given)
+        named = name_from(bundle.folder, part.path)
+        origin = FileOrigin(_folder_of(part) if named == "." else named, part.role, part.given)
         trials[number] = replace(readers[part.reader].read(part.path, wanted), origin=origin)
         # Not what lies beside what the caller gave: it counts for nothing.
         facts |= {} if part.role == "log" or (part.role in given and not part.given) else trials[number].facts
@@ -261,6 +262,11 @@ def no_work_found(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -
         file=bundle.root,
         hint=_no_work_hint(bundle, trial, words, log_map),
     )
+
+
+def _folder_of(part: Part) -> str:
+    """The name of a recording that is the whole folder of its trial."""
+    return part.path.resolve().name
 
 
 def _refuse_without_record(bundle: Bundle) -> None:

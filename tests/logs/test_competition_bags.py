@@ -49,17 +49,19 @@ def submission(t_s: float, task_id: str, *products: Mapping[str, Any], **fields:
 
 
 def watching(kind: str) -> Recorded:
-    return at(
-        0.0,
-        "/ariac_score/events",
-        "ariac_score_msgs/msg/TrialEvent",
-        kind="watching",
-        subject=kind,
-        detail="",
-    )
+    return happened(0.0, "watching", kind)
+
+
+def happened(t_s: float, kind: str, subject: str = "") -> Recorded:
+    event = {"kind": kind, "subject": subject, "detail": ""}
+    return at(t_s, "/ariac_score/events", "ariac_score_msgs/msg/TrialEvent", **event)
 
 
 def bag(path: Path, *messages: Recorded, storage: bags.Storage = "mcap") -> Path:
+    """The messages, with start and end of the competition around them where none of them says."""
+    if not any(message.topic.endswith("competition_state") for message in messages):
+        last_s = (max(message.t_ns for message in messages) - START_NS) / S
+        messages = (*messages, happened(0.0, "competition_started"), happened(last_s, "competition_ended"))
     return write_bag(path, sorted(messages, key=lambda message: message.t_ns), storage=storage)
 
 
@@ -326,16 +328,21 @@ orders:
     announcement_condition: time
     announcement_condition_value: 0.0
     priority: {priority}
-    kitting: {{shipment_count: 1, agvs: [agv1], destinations: [as1], products: {{part_0: {{
-      type: assembly_pump_red,
-      pose: {{xyz: [0, 0, 0], rpy: [0, 0, 0]}}}}}}}}
+    kitting: {{shipment_count: 1, {kit}}}
 """
+KIT_2021 = """\
+agvs: [agv1], destinations: [as1], products: {
+      part_0: {type: assembly_pump_red, pose: {xyz: [0.1, 0.1, 0], rpy: [0, 0, 0]}},
+      part_1: {type: assembly_battery_blue, pose: {xyz: [-0.1, 0.1, 0], rpy: [0, 0, 0]}}}"""
+KIT_2022 = """\
+agvs: [agv4], destinations: [as3], trays: [%s], products: {
+      part_0: {type: assembly_sensor_green, pose: {xyz: [0.1, 0, 0], rpy: [0, 0, 0]}}}"""
 
 
-def configured(folder: Path, priority: int) -> Path:
+def configured(folder: Path, priority: int, kit: str) -> Path:
     """A configuration that says the order's priority, which the messages of 2021 and 2022 do not."""
     path = folder / "trial.yaml"
-    path.write_text(CONFIG.format(priority=priority), encoding="utf-8")
+    path.write_text(CONFIG.format(priority=priority, kit=kit), encoding="utf-8")
     return path
 
 
@@ -344,7 +351,7 @@ def scored_2021(path: Path, *others: Recorded, priority: int | None = 3) -> Resu
     watched = (watching("arm_collision"), watching("part_dropped"))
     messages = (ORDER_2021, *states_2021(), came, *watched, *others)
     log = bag(path / "trial.bag", *messages, storage="ros1")
-    also = [] if priority is None else [configured(path, priority)]
+    also = [] if priority is None else [configured(path, priority, KIT_2021)]
     return score_trial(log, "ariac2021.finals_as_coded", also=also, root=path)
 
 
@@ -433,7 +440,8 @@ def test_a_bag_of_2022_says_which_tray_the_kit_was_built_on(tmp_path: Path, orde
     messages = (orders_2022(ordered), contents, came, *watched)
 
     log = bag(tmp_path / "trial.bag", *messages, storage="ros1")
-    result = score_trial(log, "ariac2022.as_coded", also=[configured(tmp_path, 1)], root=tmp_path)
+    config = configured(tmp_path, 1, KIT_2022 % ordered)
+    result = score_trial(log, "ariac2022.as_coded", also=[config], root=tmp_path)
 
     assert (result.status, result.score) == ("scored", score)
 

@@ -83,7 +83,9 @@ def test_of_logs_without_a_competition_one_says_what_was_to_be_done() -> None:
     other = Trial("c", work=(Item("task_2", "task"),))
 
     assert merge_trials("t", [one, same], file="t").work == one.work
-    with pytest.raises(LogError, match="2 logs hold work, and they differ"):
+    with pytest.raises(
+        LogError, match="'a' says there is task 'task_1', 'c' says there is no task of that name"
+    ):
         merge_trials("t", [one, other], file="t")
 
 

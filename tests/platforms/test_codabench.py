@@ -846,14 +846,22 @@ sha256: {{mine.yaml: {hashlib.sha256(EASIER.encode()).hexdigest()}}}
     "brought",
     [{"mine.yaml": EASIER}, {"kitting.yaml": EASIER}, {"mine.yaml": EASIER, "bundle.yaml": NAMED}],
 )
-def test_a_configuration_that_a_submission_brings_does_not_count_and_is_named(
+def test_a_configuration_that_says_something_else_than_the_organisers_is_refused_and_named(
     tmp_path: Path, log_text: str, brought: dict[str, str]
 ) -> None:
     output = hosted(tmp_path, without_orders(log_text), **brought)
 
+    assert (stored_scores(output)["final"], stored_scores(output)["status_code"]) == (-1e6, 2)
+    message = json.loads((output / "platform_scores.json").read_text(encoding="utf-8"))["message"]
+    assert "(organiser) says" in message
+    assert f"{next(iter(brought))}' (run) says" in message
+
+
+@pytest.mark.slow
+def test_a_configuration_that_is_handed_in_may_repeat_the_organisers(tmp_path: Path, log_text: str) -> None:
+    output = hosted(tmp_path, without_orders(log_text), **{"mine.yaml": ORGANISERS})
+
     assert stored_scores(output)["final"] == SCORE
-    result = json.loads((output / "results/kitting_1.json").read_text(encoding="utf-8"))
-    assert result["provenance"]["ignored"] == [f"{next(iter(brought))} (another configuration is binding)"]
 
 
 def test_a_configuration_alone_is_no_submission(tmp_path: Path) -> None:

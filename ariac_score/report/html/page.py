@@ -14,6 +14,7 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment, safe_range
 from markupsafe import Markup
 
 from ariac_score.report.html import wording
+from ariac_score.report.statements import rests_on
 
 __all__ = ["embedded_json", "page", "panel_environment", "part", "policy_of", "shipped"]
 
@@ -73,6 +74,7 @@ def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment
         seconds=wording.seconds,
         spoken=wording.spoken,
         untrusted=wording.untrusted,
+        rests_on=rests_on,
     )
     return environment
 

@@ -1,0 +1,31 @@
+"""Whose statement a result rests on, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ariac_score.trial.statements import NOBODY, Statement
+
+__all__ = ["rests_on"]
+
+_ORDER = ("work", "window", "set-up", "completeness")
+_OPEN = {"window": "window undecided", "completeness": "completeness not attested"}
+
+
+def rests_on(statements: Iterable[Statement]) -> str:
+    """Who states what, in one line; empty for results that do not say.
+
+    >>> rests_on([Statement("work", "run", ("trial.yaml",)), Statement("completeness", "nobody")])
+    'work: trial.yaml (run); completeness not attested'
+    """
+    in_order = sorted(statements, key=lambda one: (*_ORDER, one.fact).index(one.fact))
+    return "; ".join(map(_one, in_order))
+
+
+def _one(statement: Statement) -> str:
+    if statement.by == NOBODY:
+        words = _OPEN.get(statement.fact, f"{statement.fact}: nobody says")
+        return f"{words} ({statement.detail})" if statement.detail else words
+    source = ", ".join(statement.source)
+    said = f"{source} ({statement.by})" if source else f"the {statement.by}"
+    return f"{statement.fact}: {said}" + (f", {statement.detail}" if statement.detail else "")
