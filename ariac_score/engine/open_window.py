@@ -38,7 +38,7 @@ def opened_by_window(
         return found, []
     if prepared.rule_set.checks[each.name].group == _RULES:
         return _of_rule(found, each, trial, prepared)
-    said = any(f.verdict is Verdict.INCONCLUSIVE and "the competition" in f.message for f in found)
+    said = any(f.verdict is Verdict.INCONCLUSIVE and trial.window_open in f.message for f in found)
     undecided = all(f.verdict is Verdict.NOT_APPLICABLE for f in found)
     if said or undecided:  # who watches nobody misses nothing
         return found, []

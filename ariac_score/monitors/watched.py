@@ -305,11 +305,13 @@ def watch_subjects(
             yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
             yield from () if unseen is None else unseen.nothing(trial, subject, str(missing))
             continue
-        why = ""
-        # A log with neither event is taken for a recording of the competition alone.
-        if (trial.started_s is None) != (trial.ended_s is None):
+        why = trial.window_open
+        # A trial made by hand with neither event is taken for the competition alone.
+        if not why and (trial.started_s is None) != (trial.ended_s is None):
             missing_end = "end" if trial.ended_s is None else "start"
-            why = f"the log does not show the {missing_end} of the competition, so part of it may be missing"
+            why = f"the log does not show the {missing_end} of the competition"
+        if why:
+            why = f"{why}, so part of it may be missing"
             yield Finding.inconclusive(subject.name, why, span=trial.window, clause=clause)
         if unseen is not None:
             yield from unseen.about(watched, judge, why)

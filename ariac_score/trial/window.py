@@ -34,10 +34,10 @@ def with_window(trial: Trial, rule: str) -> Trial:
         whole = Statement("window", BY_RULES, detail="the whole recording")
         return replace(trial, statements=tuple(sorted((*others, whole))))
     if start_s is not None and end_s is not None:
-        why = "it shows an end of the competition that is not after its start"
+        why = "the log shows an end of the competition that is not after its start"
     else:
-        missing = "end" if end_s is None else "start"
-        missing = "start and end" if start_s is None and end_s is None else f"the {missing}"
-        why = f"it does not show {missing} of the competition"
-    nobody = Statement("window", NOBODY, detail=f"the log: {why}")
-    return replace(trial, window_open=f"the log: {why}", statements=tuple(sorted((*others, nobody))))
+        missing = "the end" if end_s is None else "the start"
+        missing = "start and end" if start_s is None and end_s is None else missing
+        why = f"the log does not show {missing} of the competition"
+    nobody = Statement("window", NOBODY, detail=why)
+    return replace(trial, window_open=why, statements=tuple(sorted((*others, nobody))))

@@ -110,7 +110,7 @@ def test_two_messages_may_not_contradict_each_other(tmp_path: Path) -> None:
 def test_a_message_and_a_constant_may_not_contradict_each_other(tmp_path: Path) -> None:
     text = MAP.replace("scene: workshop", "time_limit_s: 300")
     assert read(tmp_path, limit(300.0), text=text).facts["time_limit_s"] == 300.0
-    with pytest.raises(LogError, match="'log map plain' .organiser. says 300"):
+    with pytest.raises(LogError, match=r"'log map plain' \(organiser\) says 300"):
         read(tmp_path, limit(180.0), text=text)
 
 
