@@ -14,6 +14,8 @@ from ariac_score.results.result import CheckUse, Code, Measured, Pinned, Provena
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
+from ariac_score.trial.statements import BY_RULES, NOBODY
+from ariac_score.trial.window import RECORDING
 
 __all__ = ["check_uses", "price_trial", "reprice"]
 
@@ -85,6 +87,31 @@ def check_uses(rule_set: RuleSet) -> dict[str, CheckUse]:
     }
 
 
+def _refuse_other_authority(result: Result, rule_set: RuleSet) -> None:
+    """Refuse to price what was measured on a word that the rules do not take.
+
+    Raises:
+        RuleSetError: The whole recording was taken for the competition, or its completeness is not
+            attested, and the rules have it otherwise.
+    """
+    stated = {statement.fact: statement for statement in result.measured.statements}
+    window, completeness = stated.get("window"), stated.get("completeness")
+    if window is not None and window.by == BY_RULES and rule_set.authority.window != RECORDING:
+        raise RuleSetError(
+            "the result takes the whole recording for the competition, and these rules do not",
+            file=rule_set.file,
+            hint="score the log under this rule set, or let it say 'window: recording'",
+        )
+    if rule_set.authority.completeness and (completeness is None or completeness.by == NOBODY):
+        why = "" if completeness is None else f": {completeness.detail}"
+        raise RuleSetError(
+            f"these rules ask for an attested log, and that of the result is not{why}",
+            file=rule_set.file,
+            place="$.completeness",
+            hint="score a log under this rule set that its recorder attests",
+        )
+
+
 def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None) -> Result:
     """Price a stored result under another rule set, or with a cohort, without its log.
 
@@ -103,6 +130,7 @@ def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None)
     """
     refuse_other(result, Result, "a result", "score_trial and load_result give one")
     rule_set = rule_set_of(rule_set)
+    _refuse_other_authority(result, rule_set)
     findings: dict[str, Finding] = {}
     known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}

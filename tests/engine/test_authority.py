@@ -11,9 +11,11 @@ from typing import Any
 
 import pytest
 
-from ariac_score import ContradictionError, Result, ScoreError, load_rule_set, score_trial
+from ariac_score import ContradictionError, Result, ScoreError, load_rule_set, reprice, score_trial
+from ariac_score.errors import RuleSetError
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.runs import score_runs
+from ariac_score.scoring.ruleset import expanded_yaml, rule_set_from_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
@@ -236,3 +238,21 @@ def test_whoever_scores_his_own_folder_needs_one_command_and_sees_whose_orders_t
     easier.write_text(EASIER, encoding="utf-8")
     with pytest.raises(ContradictionError, match="gear_part_green"):
         score_trial(tmp_path, "paper2020", also=[easier])
+
+
+def test_a_result_is_not_priced_again_on_a_word_that_the_rules_do_not_take(
+    records: Records, tmp_path: Path
+) -> None:
+    bare = [r for r in records if not r.get("kind", "").startswith("competition_")]
+    rules = load_rule_set("paper2020")
+    recording, attested = (
+        rule_set_from_text(f"{expanded_yaml(rules)}\n{more}\n", file="ours.yaml")
+        for more in ("window: recording", "window: recording\ncompleteness: attested")
+    )
+    found = score_trial(log_of(bare, tmp_path / "run.jsonl"), recording)
+
+    assert reprice(found, recording).score == HONEST
+    with pytest.raises(RuleSetError, match="takes the whole recording for the competition"):
+        reprice(found, rules)
+    with pytest.raises(RuleSetError, match="ask for an attested log, and that of the result is not"):
+        reprice(found, attested)
