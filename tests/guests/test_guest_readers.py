@@ -121,7 +121,7 @@ def test_the_outcome_of_another_world_is_refused(
         (tmp_path / file.name).write_bytes(file.read_bytes())
     (tmp_path / "out.txt").write_text("41 1 0 0 16.0000 0.3125\n", encoding="utf-8")
 
-    assert "world is 41" in refused(tmp_path, capsys)
+    assert "'out.txt' (recorder) says 41" in refused(tmp_path, capsys)
 
 
 # RoboCup@Work --------------------------------------------------------------------------

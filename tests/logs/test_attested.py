@@ -59,11 +59,15 @@ def digest(message: Recorded) -> str:
 
 def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
-    out, chain, counted = list(messages), RECORDING, 0
+    out, chain = list(messages), RECORDING
+    counted = dict.fromkeys([m.topic for m in messages], 0)
     for second in range(10):
         now = [m for m in messages if second * 10**9 <= m.t_ns < (second + 1) * 10**9]
-        topics = {EVENTS: {"first": counted + 1, "digests": "".join(map(digest, now))}} if now else {}
-        counted += len(now)
+        topics = {}
+        for topic in dict.fromkeys(m.topic for m in now):
+            came = [digest(m) for m in now if m.topic == topic]
+            topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
+            counted[topic] += len(came)
         body = _json({"recording": RECORDING, "sequence": second + 1, "topics": topics})
         chain = _sha256(chain + body)
         beat = {"recording": RECORDING, "sequence": second + 1, "body": body, "chain": chain}
@@ -74,7 +78,7 @@ def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[R
             "recording": RECORDING,
             "closed": True,
             "heartbeats": {"count": 10, "chain": chain},
-            "topics": {EVENTS: {"count": counted}},
+            "topics": {topic: {"count": count} for topic, count in counted.items()},
         }
     )
     said = {"recording": RECORDING, "closed": True, "body": manifest, "signature": sign(manifest)}
@@ -143,6 +147,62 @@ def test_an_event_that_is_left_out_is_known_to_be_missing(tmp_path: Path, signin
     with pytest.raises(LogError) as refused:
         scored(tmp_path, attacked, attesting(signing))
     assert "1 message on /ariac_score/events from 5.000 s to 6.000 s" in refused.value.cause
+
+
+# What a team could leave out --------------------------------------------------------------
+
+KIT = "order_0_shipment_0"
+
+
+def order(t_s: float, name: str, wanted: str) -> Recorded:
+    product = {"type": wanted, "pose": {"orientation": {"w": 1.0}}}
+    shipment = {"shipment_type": KIT, "agv_id": "agv1", "products": [product]}
+    fields = {"order_id": name, "shipments": [shipment]}
+    return Recorded("/ariac/orders", "nist_gear/msg/Order", round(t_s * 1e9), fields)
+
+
+def submission(t_s: float, *types: str) -> Recorded:
+    products = [{"type": kind, "name": f"{kind}_1", "pose": {"orientation": {"w": 1.0}}} for kind in types]
+    fields = {"shipment_type": KIT, "agv": "agv1", "products": products}
+    return Recorded("/ariac_score/submissions", "ariac_score_msgs/msg/Submission", round(t_s * 1e9), fields)
+
+
+RED, BLUE = "gear_part_red", "gear_part_blue"
+CLEAN = (
+    *(e for e in events() if e.fields["kind"] != "arm_collision"),
+    order(2.0, "order_0", RED),
+    submission(8.0, RED),
+)
+LEFT_OUT = {
+    "an arm collision": events()[2],
+    "the first submission, which was empty": submission(4.0),
+    "the update of an order": order(5.5, "order_0_update_0", BLUE),
+}
+
+
+@pytest.mark.parametrize("secret", LEFT_OUT.values(), ids=LEFT_OUT)
+def test_no_message_that_is_left_out_raises_the_score(
+    tmp_path: Path, signing: Signing, secret: Recorded
+) -> None:
+    """Each is worth the whole kit of 4 points to a team that leaves it out, and nothing with a manifest."""
+    rules = tmp_path / "rules.yaml"
+    text = "extends: ariac2020.as_coded\nid: ours\ntitle: Ours\nsource: this test\n"
+    rules.write_text(f"{text}authority: {{recorder_keys: ['{signing[0]}']}}\n", encoding="utf-8")
+
+    def score(*messages: Recorded) -> Result:
+        in_order = sorted(messages, key=lambda m: m.t_ns)
+        return score_trial(write_bag(tmp_path / "run.mcap", in_order, storage="mcap"), rules)
+
+    honest = attested(sorted((*CLEAN, secret), key=lambda m: m.t_ns), signing[1])
+    worth = score(*honest).score
+    assert worth is not None
+    assert (worth < 4, score(*CLEAN).score) == (True, 4)
+
+    attacked = score(*(message for message in honest if message is not secret))
+
+    assert attacked.is_open
+    assert (attacked.score or 0) <= worth
+    assert f"1 message on {secret.topic} from " in completeness(attacked)
 
 
 def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Signing, subtests: Any) -> None:
