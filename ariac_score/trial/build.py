@@ -12,8 +12,8 @@ import numpy as np
 
 from ariac_score.errors import ContradictionError, LogError
 from ariac_score.trial.agreement import counting_parts, refuse_other_work, statements_of
-from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.attestation import Attestation
+from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
