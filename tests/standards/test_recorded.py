@@ -79,6 +79,7 @@ id: real
 title: d_min on a real recording
 source: Ferrando et al.
 log_map: map.yaml
+window: recording
 monitors:
   separation:
     use: iso_ts_15066.ssm_separation

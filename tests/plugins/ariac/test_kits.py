@@ -6,7 +6,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from ariac_score.errors import ContradictionError
 from ariac_score.trial.build import TrialBuilder, merge_trials
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.events import COMPETITION_STARTED, Event
@@ -173,7 +175,7 @@ def test_an_announced_order_takes_what_its_message_cannot_say_from_the_configura
     assert order.tasks[0].products[0].challenged is True
 
 
-def test_a_configured_order_of_other_contents_completes_nothing() -> None:
+def test_a_configured_order_of_other_contents_is_refused() -> None:
     announced = WantedProduct("part_0", "pump_red", None, 2)
     configured = WantedProduct("part_0", "pump_red", None, 3, challenged=True)
     parts = [
@@ -181,9 +183,10 @@ def test_a_configured_order_of_other_contents_completes_nothing() -> None:
         for wanted, announced_s in ((announced, 3.0), (configured, None))
     ]
 
-    (order,) = joined("t", parts, file="t").work
-
-    assert order.tasks[0].products == (announced,)
+    with pytest.raises(
+        ContradictionError, match="says pump_red in quadrant 3, 't' says pump_red in quadrant 2"
+    ):
+        joined("t", parts, file="t")
 
 
 def test_a_priority_that_nothing_says_is_named() -> None:
