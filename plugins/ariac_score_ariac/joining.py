@@ -16,8 +16,8 @@ from ariac_score import (
     first_announced,
     only,
 )
-from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
 from ariac_score_ariac.agreement import is_announced, refuse_other_orders
+from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
 from ariac_score_ariac.stock.console import CONSOLE, CurrentScore, Said
 from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
 from ariac_score_ariac.stock.settling import Stock, stock_of
