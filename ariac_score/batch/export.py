@@ -16,7 +16,19 @@ from ariac_score.errors import UsageError
 __all__ = ["COLUMNS", "TABLES", "table_csv", "write_parquet"]
 
 COLUMNS = {
-    "runs": ("team", "trial", "run", "outcome", "reason", "score", "task", "object", "sha256"),
+    "runs": (
+        "team",
+        "trial",
+        "run",
+        "outcome",
+        "reason",
+        "score",
+        "task",
+        "object",
+        "sha256",
+        "score_least",
+        "score_most",
+    ),
     "checks": (
         "team",
         "trial",
@@ -107,7 +119,8 @@ def write_parquet(root: Path, table: str, file: Path) -> None:
             "writing Parquet needs pyarrow", hint="pip install 'ariac-score[parquet]', or export CSV"
         ) from cause
     _check(root)
-    kinds = {"run": pa.int64(), "score": pa.float64(), "task": pa.float64(), "worst_robustness": pa.float64()}
+    numbers = ("score", "task", "score_least", "score_most", "worst_robustness")
+    kinds = {"run": pa.int64(), **dict.fromkeys(numbers, pa.float64())}
     counts = dict.fromkeys(("satisfied", "violated", "inconclusive", "not_applicable"), pa.int64())
     fields = [(name, {**kinds, **counts}.get(name, pa.string())) for name in COLUMNS[table]]
     schema = pa.schema(fields)

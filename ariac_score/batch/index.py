@@ -45,6 +45,7 @@ AGAIN = "call 'batch' again with this folder: it makes again what is missing or 
 _TABLES = """
 CREATE TABLE runs (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, outcome TEXT NOT NULL,
   reason TEXT NOT NULL, score REAL, task REAL, object TEXT NOT NULL, sha256 TEXT NOT NULL,
+  score_least REAL, score_most REAL,
   PRIMARY KEY (team, trial, run)) WITHOUT ROWID;
 CREATE TABLE checks (team TEXT NOT NULL, trial TEXT NOT NULL, run INTEGER NOT NULL, name TEXT NOT NULL,
   satisfied INTEGER NOT NULL, violated INTEGER NOT NULL, inconclusive INTEGER NOT NULL,
@@ -61,7 +62,7 @@ _BLOCK = 1 << 16
 _CURRENT = f'"schema": "{RESULT.tag}"'.encode()
 
 
-class Row(Struct, frozen=True, forbid_unknown_fields=True):
+class Row(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
     """One run in the tables.
 
     Attributes:
@@ -75,6 +76,8 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
         checks: What each check found.
         object: Name of its document within the folder of the batch; empty when nothing is kept.
         sha256: Hash of that document; empty likewise.
+        score_least: The least score that its log allows, where it leaves any open.
+        score_most: The most, likewise.
     """
 
     team: str
@@ -87,12 +90,14 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
     checks: tuple[CheckCounts, ...]
     object: str
     sha256: str
+    score_least: float | None = None
+    score_most: float | None = None
 
     @classmethod
     def of(cls, key: TaskKey, summary: Summary, name: str = "", sha256: str = "") -> Row:
         """The row of a run."""
         s = summary
-        return cls(*key, s.outcome, s.reason, s.score, s.task, s.checks, name, sha256)
+        return cls(*key, s.outcome, s.reason, s.score, s.task, s.checks, name, sha256, s.least, s.most)
 
     @classmethod
     def kept(cls, key: TaskKey, document: bytes, name: str) -> Row:
@@ -111,7 +116,15 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def summary(self) -> Summary:
         """The part of it that is not about the document."""
-        return Summary(self.outcome, self.reason, self.score, self.task, self.checks)
+        return Summary(
+            self.outcome,
+            self.reason,
+            self.score,
+            self.task,
+            self.checks,
+            self.score_least,
+            self.score_most,
+        )
 
     def as_line(self) -> str:
         """The row as a line of JSON."""
@@ -406,7 +419,7 @@ def _write_index(file: Path, lines: Iterator[str]) -> None:
         connection.execute("BEGIN")
         for line in lines:
             run, checks = _index_rows(Row.from_line(line))
-            connection.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", run)
+            connection.execute("INSERT INTO runs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", run)
             connection.executemany("INSERT INTO checks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", checks)
         connection.commit()
     finally:
@@ -419,4 +432,5 @@ def _index_rows(row: Row) -> tuple[tuple[Any, ...], list[tuple[Any, ...]]]:
         (*row.key, c.name, c.satisfied, c.violated, c.inconclusive, c.not_applicable, c.worst_robustness)
         for c in row.checks
     ]
-    return (*row.key, row.outcome, row.reason, row.score, row.task, row.object, row.sha256), checks
+    run = (*row.key, row.outcome, row.reason, row.score, row.task, row.object, row.sha256)
+    return (*run, row.score_least, row.score_most), checks

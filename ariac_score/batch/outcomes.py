@@ -130,6 +130,8 @@ class Summary:
         score: Final score as printed; `None` when there is none.
         task: Task score as printed; `None` when there is none.
         checks: What each check found, by name.
+        least: The least score that its log allows, where it leaves any open.
+        most: The most, likewise.
     """
 
     outcome: str
@@ -137,6 +139,8 @@ class Summary:
     score: float | None
     task: float | None
     checks: tuple[CheckCounts, ...] = ()
+    least: float | None = None
+    most: float | None = None
 
 
 # The few parts of a result that a summary needs: a season has thousands of results, and reading
@@ -169,6 +173,11 @@ class _Task(Struct):
     amount: float
 
 
+class _Interval(Struct):
+    least: float
+    most: float
+
+
 class _Result(Struct, tag_field="schema", tag=RESULT.tag):
     status: str
     missing: str
@@ -176,6 +185,7 @@ class _Result(Struct, tag_field="schema", tag=RESULT.tag):
     task: _Task | None
     measured: _Measured
     assumptions: list[_Assumption]
+    interval: _Interval | None = None
 
     @property
     def outcome(self) -> str:
@@ -226,4 +236,5 @@ def summary_of(document: bytes) -> Summary:
     if isinstance(found, OutcomeDocument):
         return Summary(found.outcome, found.reason, None, None)
     task = found.task.amount if found.task else None
-    return Summary(found.outcome, found.reason, found.score, task, tuple(found.checks()))
+    ends = (found.interval.least, found.interval.most) if found.interval else (None, None)
+    return Summary(found.outcome, found.reason, found.score, task, tuple(found.checks()), *ends)

@@ -58,6 +58,8 @@ COLUMNS = (
     Column("raw", "Raw", True, True, None, "the task score, before penalties"),
     Column("coverage", "Coverage", True, True, 3, "share of the checks that could be decided"),
     Column("status_code", "Status", False, True, 0, "0 scored, 1 incomplete, 2 invalid log, 3 disqualified"),
+    Column("least", "Least", True, True, None, "the least that the final score can be"),
+    Column("most", "Most", True, True, None, "the most that the final score can be"),
 )
 """The columns of every leaderboard, in order; the first is the score, visible ones break ties in turn."""
 
@@ -72,6 +74,8 @@ class Metrics:
     raw: float
     coverage: float
     status_code: int
+    least: float = 0.0
+    most: float = 0.0
 
     def by_column(self) -> dict[str, float | int]:
         """The numbers by key, in the order of `COLUMNS`."""
@@ -90,10 +94,11 @@ class Metrics:
                     hint=f"it must be finite and below {LARGEST:g}; look at the formulas of the rule set",
                 )
         # `+ 0.0` makes 0.0 of -0.0, which is what rounds to it from below.
-        final, penalty, raw, coverage = (
-            round(value, DECIMALS) + 0.0 for value in (self.final, self.penalty, self.raw, self.coverage)
+        final, penalty, raw, coverage, least, most = (
+            round(value, DECIMALS) + 0.0
+            for value in (self.final, self.penalty, self.raw, self.coverage, self.least, self.most)
         )
-        return Metrics(final, self.violations, penalty, raw, coverage, self.status_code)
+        return Metrics(final, self.violations, penalty, raw, coverage, self.status_code, least, most)
 
 
 class Split(Struct, frozen=True, forbid_unknown_fields=True):

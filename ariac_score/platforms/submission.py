@@ -28,6 +28,7 @@ from ariac_score.logs.logmap import is_log_map_file, stand_alone
 from ariac_score.platforms.archives import SMALL, ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.neutral import STATUS, Metrics, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.codec import Format, as_text
@@ -436,6 +437,7 @@ def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Re
     open_ = sum(1 for finding in findings if finding.verdict is Verdict.INCONCLUSIVE)
     final = float(standing.execution)
     raw = _raw(kept, final)
+    ends = standing.open.execution if standing.open else Ends(standing.execution, standing.execution)
     metrics = Metrics(
         final=final,
         raw=raw,
@@ -443,6 +445,8 @@ def _export(phase: Phase, ranking: Ranking, results: Mapping[tuple[str, int], Re
         violations=sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED),
         coverage=1 - open_ / len(findings) if findings else 0.0,
         status_code=STATUS[status],
+        least=float(ends.least),
+        most=float(ends.most),
     )
     return PlatformScores.of(phase.name, status, metrics, _message(ranking, missing), _hash(results))
 
@@ -459,6 +463,9 @@ def _message(ranking: Ranking, missing: list[str]) -> str:
     (standing,) = ranking.standings
     runs = f"{len(ranking.runs)} run{'' if len(ranking.runs) == 1 else 's'}"
     parts = [f"{runs}, {sum(run.kept for run in ranking.runs)} of them count"]
+    if standing.open is not None:
+        ends = standing.open.execution
+        parts.append(f"logs leave open {ends.least} to {ends.most}")
     parts += [f"no run of {', '.join(missing)}"] if missing else []
     odd = [run for run in ranking.runs if run.outcome not in ("scored", "aborted")]
     parts += [f"{run.trial}, run {run.number}: {run.outcome}: {run.reason}" for run in odd[:3]]

@@ -22,7 +22,7 @@ from ariac_score.scoring.ledger import taken_by
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.scope import Scope
 from ariac_score.terminal.style import plain
-from ariac_score.trial.words import HANDED_IN
+from ariac_score.trial.words import HANDED_IN, spelled
 
 __all__ = ["sentences_of", "summary_of"]
 
@@ -154,7 +154,7 @@ class _Teller:
     def _mistake(self, check: str, count: int) -> str:
         kept = (self.result.measured.settings or {}).get(check)
         if kept is not None and len(kept.mistake) == 2:
-            return count_in_words(count, *(_cut(word, 60) for word in kept.mistake))
+            return count_in_words(count, *(_cut(spelled(word), 60) for word in kept.mistake))
         name = _named(check)
         return count_in_words(count, f"mistake in {name}", f"mistakes in {name}")
 
@@ -301,7 +301,7 @@ def _on_the_way(subject: str) -> list[str]:
 
 
 def _named(check: str) -> str:
-    return _cut(check.replace("_", " "), 40)
+    return _cut(spelled(check.replace("_", " ")), 40)
 
 
 def _cut(text: str, longest: int) -> str:

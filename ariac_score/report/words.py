@@ -8,7 +8,7 @@ from ariac_score.errors import ScoreError
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.ruleset import rule_set_from_text
-from ariac_score.trial.words import Words
+from ariac_score.trial.words import Words, spelled
 
 __all__ = ["capital", "label_of", "words_of"]
 
@@ -34,4 +34,9 @@ _SUMS = {"earned": "points earned", "taken": "points lost"}
 def label_of(line: Line) -> str:
     """The label of a line of a ledger; of its two great sums in words that say what they are sums of."""
     is_sum = line.path.count("/") == 1 and line.path.endswith(f"/{line.label}")
-    return _SUMS.get(line.label, line.label) if is_sum else line.label
+    return _SUMS.get(line.label, line.label) if is_sum else _named(line)
+
+
+def _named(line: Line) -> str:
+    # A label that is a name stands in a sentence; any other is a text or a formula, and stays as it is.
+    return spelled(line.label) if line.label.isidentifier() else line.label

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ariac_score.trial.frozen import FrozenMap
 
-__all__ = ["HANDED_IN", "Words"]
+__all__ = ["HANDED_IN", "Words", "spelled"]
 
 HANDED_IN = "submission"
 """The word for what is handed in; where a competition has neither the level nor a word, nothing is."""
 
 _TRIAL = "trial"
+_COLOR = re.compile(r"\b([Cc])olor(s?)\b")
+
+
+def spelled(words: str) -> str:
+    """Words made of names, spelled as our texts are: names say `color`, as the messages of robots do.
+
+    >>> spelled("one wrong color"), spelled("part Colors")
+    ('one wrong colour', 'part Colours')
+    """
+    return _COLOR.sub(r"\1olour\2", words)
 
 
 @dataclass(frozen=True)

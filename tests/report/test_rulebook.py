@@ -98,7 +98,7 @@ def test_a_mistake_costs_what_the_official_page_says(edition: Rulebook) -> None:
     rows = grid(edition, "What costs points", "“kitting”").rows
     cost = {row[0].split("”")[0].strip("“"): row[1:] for row in rows}
 
-    assert cost["quadrant color"] == ("9", "\u22124")
+    assert cost["quadrant colour"] == ("9", "\u22124")
     assert cost["right tray"] == ("11", "\u22122")
     assert cost["submitted"] == ("0", "\u221213")
 
@@ -132,8 +132,8 @@ def test_the_last_line_of_a_worked_example_follows_from_those_above(paper: Ruleb
 def test_formulas_are_said_in_words(paper: Rulebook) -> None:
     said = {(row[0], row[1]): row[2] for row in grid(paper, "How the score is made").rows}
 
-    assert said["Color", "each shipment"] == (
-        "1 point [right color] \N{MULTIPLICATION SIGN} the number of times that “part color” is kept"
+    assert said["Colour", "each shipment"] == (
+        "1 point [right colour] \N{MULTIPLICATION SIGN} the number of times that “part colour” is kept"
     )
     assert said["Weight", "each order"] == "1 if “index” of the order is 0; otherwise 3 [later order factor]"
 
@@ -272,3 +272,12 @@ def test_every_setting_of_a_shipped_rulebook_has_a_meaning() -> None:
         for row in table.partition("\n\n")[0].splitlines()[2:]:
             _, setting, _, meaning, _ = (cell.strip() for cell in row.strip("|").split(" | "))
             assert meaning, (page.name, setting)
+
+
+@pytest.mark.parametrize("name", ["paper2020", "ariac2024.as_documented", "ariac2022.as_coded"])
+def test_every_line_of_a_worked_example_says_where_its_number_comes_from(name: str) -> None:
+    examples = section(rulebook(name), "Worked examples").blocks
+    rows = [row for block in examples if isinstance(block, Grid) for row in block.rows]
+
+    assert rows
+    assert [row for row in rows if not row[2]] == []

@@ -52,7 +52,7 @@ def with_finding(result: Result, key: str, **changes: Any) -> Result:
 def test_a_trial_is_told_in_two_sentences(example: Result) -> None:
     work, safety = sentences_of(example)
 
-    assert work == "Two shipments delivered, one wrong color and one wrong pose."
+    assert work == "Two shipments delivered, one wrong colour and one wrong pose."
     assert safety == NEAR_MISS
     # The official score of the example is 28; see examples/README.md. 28 - 19.761677 = 8.238323.
 
@@ -78,7 +78,7 @@ def test_a_trial_without_a_fault_says_that(tmp_path: Path) -> None:
 
 
 def test_an_item_with_several_mistakes_counts_once_by_the_first_of_them(example: Result) -> None:
-    # Part 2 of the first order has the wrong color, and so no right pose; its kit misses a part, and has
+    # Part 2 of the first order has the wrong colour, and so no right pose; its kit misses a part, and has
     # one that is not wanted: one mistake, said of the part.
     wrong = [key for key, f in example.findings.items() if f.verdict is Verdict.VIOLATED]
 
@@ -90,7 +90,7 @@ def test_an_item_with_several_mistakes_counts_once_by_the_first_of_them(example:
         "part_pose#5",
         "separation#1",
     ]
-    assert summary_of(example).startswith("Two shipments delivered, one wrong color and one wrong pose.")
+    assert summary_of(example).startswith("Two shipments delivered, one wrong colour and one wrong pose.")
 
 
 def test_what_was_never_delivered_is_said_and_has_no_mistakes(example: Result) -> None:
@@ -116,7 +116,7 @@ def test_without_words_for_a_mistake_the_check_is_named(example: Result) -> None
 
     (work, _) = sentences_of(with_measured(example, settings=settings))
 
-    assert work == "Two shipments delivered, one mistake in part color and one mistake in part pose."
+    assert work == "Two shipments delivered, one mistake in part colour and one mistake in part pose."
 
 
 def test_undecided_safety_is_never_said_to_be_kept(example: Result) -> None:
@@ -304,7 +304,7 @@ def test_small_numbers_are_words_and_large_ones_figures() -> None:
 def test_a_result_without_a_sketch_is_told_without_deliveries(example: Result) -> None:
     told = sentences_of(with_measured(example, sketch=None))
 
-    assert told[0] == "Two orders, one wrong color and one wrong pose."
+    assert told[0] == "Two orders, one wrong colour and one wrong pose."
     assert "too close for 2.40 s" in told[1]
 
 

@@ -14,6 +14,7 @@ from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.trial.spans import Span
+from ariac_score.trial.words import spelled
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
@@ -64,7 +65,7 @@ class Step:
     def words(self) -> str:
         """Its label; of the points of a check, which are priced as they are, the check alone."""
         points = _POINTS.fullmatch(self.label)
-        return points[1].replace("_", " ") if points else self.label
+        return spelled(points[1].replace("_", " ")) if points else self.label
 
     @property
     def after(self) -> Decimal:

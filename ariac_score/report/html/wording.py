@@ -12,6 +12,7 @@ from markupsafe import Markup
 from ariac_score.report.figures import rounded_points
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import plain
+from ariac_score.trial.words import spelled
 
 __all__ = ["amount", "brief", "file_name", "number", "points", "round_to", "seconds", "spoken", "untrusted"]
 
@@ -64,7 +65,7 @@ def spoken(name: str) -> str:
     ('none missing', 'part pose 2', 'separation 1')
     """
     check, _, number = name.partition("#")
-    return f"{check.replace('_', ' ')} {number}".strip()
+    return f"{spelled(check.replace('_', ' '))} {number}".strip()
 
 
 def _grouped(count: int) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
+from ariac_score.trial.words import spelled
+
 __all__ = [
     "Block",
     "Bullets",
@@ -111,7 +113,7 @@ def in_words(name: str) -> str:
     >>> in_words("points.right_type"), in_words("least_cost_dollars"), in_words("time_taken_s")
     ('right type', 'least cost', 'time taken')
     """
-    return _UNIT_AT_END.sub("", name.rpartition(".")[2]).replace("_", " ")
+    return spelled(_UNIT_AT_END.sub("", name.rpartition(".")[2]).replace("_", " "))
 
 
 def code(text: object) -> str:

@@ -11,6 +11,7 @@ from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import TICKS_PER_S, Case, Violation, World
 from ariac_score.review.rulebook.blocks import figure, in_words
+from ariac_score.review.rulebook.formulas import quoted
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.levels import TRIAL
@@ -205,9 +206,26 @@ _SIGNS = {"*": "\N{MULTIPLICATION SIGN}", "-": "\N{MINUS SIGN}", "/": "/", "+": 
 
 
 def _calculation(traced: Traced) -> str:
-    """The numbers that a number was made of: `3 + 3 + 2`; empty where there is nothing to see."""
+    """The numbers that a number was made of: `3 + 3 + 2`; of one taken as it is, where it comes from."""
     said = _said(traced, inside=False)
-    return "" if said == figure(traced.value) else said
+    return _taken_from(traced) if said == figure(traced.value) else said
+
+
+def _taken_from(traced: Traced) -> str:
+    """Where a number comes from that nothing was reckoned with."""
+    inner = [child for child in traced.children if child.kind != "finding"]
+    if traced.kind == "op" and traced.op == "if":
+        chosen = _taken_from(inner[-1])
+        return chosen if inner[-1].kind != "number" else "the case that applies here"
+    if traced.kind == "each" and len(inner) == 1:
+        only = _taken_from(inner[0])
+        return only if only.endswith("inside it") else f"{only} of the only one inside it"
+    if traced.kind in ("parameter", "term"):
+        return quoted(traced.label)
+    if traced.kind == "check":
+        check, _, quantity = traced.label.partition("(")[2].rstrip(")").partition(", ")
+        return f"{quoted(quantity)} by {quoted(check)}" if quantity else f"{traced.op} of {quoted(check)}"
+    return "as stated"
 
 
 def _said(traced: Traced, *, inside: bool = True) -> str:
