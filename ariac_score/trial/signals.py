@@ -53,7 +53,46 @@ class Sample:
 
 # eq=False: arrays have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
-class Signal:
+class _Recorded:
+    """What signals and series have in common: times, values, and where they come from."""
+
+    name: str
+    unit: str
+    t: FloatArray
+    values: FloatArray
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        t, values = _checked_columns(self.name, self.t, self.values)
+        self._refuse(t)
+        object.__setattr__(self, "t", sealed(t))
+        object.__setattr__(self, "values", sealed(values))
+
+    def _refuse(self, t: FloatArray) -> None:
+        """Refuse times that cannot be.
+
+        Raises:
+            ValueError: Saying of what.
+        """
+        raise NotImplementedError
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def identity(self) -> tuple[int, int]:
+        """Differs between those that exist at the same time unless they share times and values."""
+        return id(self.t), id(self.values)
+
+    def sample(self, i: int) -> Sample:
+        """The i-th sample, as evidence."""
+        value = self.values[i]
+        plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
+        return Sample(self.name, float(self.t[i]), plain, self.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Signal(_Recorded):
     """A named quantity over time.
 
     Attributes:
@@ -72,34 +111,18 @@ class Signal:
             settle both beforehand and count what they had to drop.
     """
 
-    name: str
-    unit: str
-    t: FloatArray
-    values: FloatArray
-    source: str = ""
     holes: tuple[Span, ...] = ()
     constant: bool = False
     stamp_jitter_s: float = 0.0
 
-    def __post_init__(self) -> None:
-        t, values = _checked_columns(self.name, self.t, self.values)
+    def _refuse(self, t: FloatArray) -> None:
         if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
             raise ValueError(f"signal {self.name!r}: times must be finite and strictly increasing")
-        object.__setattr__(self, "t", sealed(t))
-        object.__setattr__(self, "values", sealed(values))
-
-    def __len__(self) -> int:
-        return len(self.t)
 
     @property
     def span(self) -> Span | None:
         """From the first to the last sample; `None` when there is no sample."""
         return Span(float(self.t[0]), float(self.t[-1])) if len(self.t) else None
-
-    @property
-    def identity(self) -> tuple[int, int]:
-        """Differs between signals that exist at the same time unless they share times and values."""
-        return id(self.t), id(self.values)
 
     def at(self, t: FloatArray) -> FloatArray:
         """Values at other times, by straight lines between neighbours.
@@ -138,14 +161,10 @@ class Signal:
         columns = {"t_s": self.t, **columns_of(self.name, self.values)}
         return frame(columns, index="t_s", units=dict.fromkeys([*columns][1:], self.unit))
 
-    def sample(self, i: int) -> Sample:
-        """The i-th sample, as evidence."""
-        return _sample_of(self, i)
-
 
 # Not a `Signal`: whatever relies on increasing times then never takes one for a signal.
 @dataclass(frozen=True, eq=False)
-class Series:
+class Series(_Recorded):
     """A named quantity as consumed: in the order in which an official program takes its values.
 
     Stamps may repeat and run back, and nothing is merged, sorted or left out, for the program counts
@@ -166,31 +185,14 @@ class Series:
     (3, 5.0)
     """
 
-    name: str
-    unit: str
-    t: FloatArray
-    values: FloatArray
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        t, values = _checked_columns(self.name, self.t, self.values)
+    def _refuse(self, t: FloatArray) -> None:
         if not np.isfinite(t).all():
             raise ValueError(f"series {self.name!r}: times must be finite")
-        object.__setattr__(self, "t", sealed(t))
-        object.__setattr__(self, "values", sealed(values))
-
-    def __len__(self) -> int:
-        return len(self.t)
 
     @property
     def span(self) -> Span | None:
         """From the earliest to the latest stamp; `None` when there is no sample."""
         return Span(float(self.t.min()), float(self.t.max())) if len(self.t) else None
-
-    @property
-    def identity(self) -> tuple[int, int]:
-        """Differs between series that exist at the same time unless they share times and values."""
-        return id(self.t), id(self.values)
 
     def to_frame(self) -> Any:
         """The samples as a `pandas.DataFrame`, by their numbers from 0, stamps in the column `t_s`.
@@ -203,10 +205,6 @@ class Series:
         columns = columns_of(self.name, self.values)
         units = {"t_s": "s", **dict.fromkeys(columns, self.unit)}
         return frame({"t_s": self.t, **columns}, units=units)
-
-    def sample(self, i: int) -> Sample:
-        """The i-th sample, as evidence."""
-        return _sample_of(self, i)
 
 
 def _checked_columns(name: str, t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -221,12 +219,6 @@ def _checked_columns(name: str, t: FloatArray, values: FloatArray) -> tuple[Floa
     if not np.isfinite(values).all():
         raise ValueError(f"signal {name!r}: values must be finite")
     return t, values
-
-
-def _sample_of(column: Signal | Series, i: int) -> Sample:
-    value = column.values[i]
-    plain = float(value) if value.ndim == 0 else tuple(float(v) for v in value)
-    return Sample(column.name, float(column.t[i]), plain, column.unit)
 
 
 def columns_of(name: str, values: FloatArray) -> dict[str, FloatArray]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ariac_score import (
     Body,
+    Chart,
     Provenance,
     Result,
     Trial,
@@ -21,6 +24,7 @@ from ariac_score.engine.prepared import prepare
 from ariac_score.report.html.trial import trial_page
 from ariac_score.results.result import Pinned, Setting, Settings, Source
 from ariac_score.testing import write_trial_log
+from ariac_score.trial.spans import FloatArray
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
@@ -117,3 +121,18 @@ def write_page(folder: Path, result: Result) -> Path:
     file = folder / "trial.html"
     file.write_text(trial_page(result, as_json(result)), encoding="utf-8")
     return file
+
+
+def noisy_charts(draw: np.random.Generator, t: FloatArray, people: int) -> list[Chart]:
+    """Charts that nothing can be left out of: noise, of a gantry and some people."""
+    return [
+        Chart(
+            f"gantry/person_{i}",
+            "distance",
+            "m",
+            t,
+            np.abs(draw.normal(9, 4, len(t))),
+            np.abs(draw.normal(3, 1, len(t))),
+        )
+        for i in range(people)
+    ]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score import Body, Chart, Finding, Result, Signal, Span, Trial, Verdict, as_json
+from ariac_score import Body, Finding, Result, Signal, Span, Trial, Verdict, as_json
 from ariac_score.report.html.plan import plan_of
 from ariac_score.report.html.replay import MOST_MOMENTS, Replay, replay_of
 from ariac_score.report.html.scale import Scale
@@ -219,17 +219,7 @@ def test_a_trial_of_three_hours_stays_below_two_megabytes(example: Result) -> No
     signals = {
         f"position/{b.id}": Signal(f"position/{b.id}", "m", t, draw.normal(0, 9, (len(t), 3))) for b in bodies
     }
-    charts = [
-        Chart(
-            f"gantry/person_{i}",
-            "distance",
-            "m",
-            t,
-            np.abs(draw.normal(9, 4, len(t))),
-            np.abs(draw.normal(3, 1, len(t))),
-        )
-        for i in range(8)
-    ]
+    charts = PAGES.noisy_charts(draw, t, 8)
     findings = {
         f"separation#{i}": Finding(
             f"gantry/person_{i % 8}",

@@ -21,7 +21,6 @@ from msgspec import structs
 
 from ariac_score import (
     Body,
-    Chart,
     Finding,
     Limit,
     OfficialOrder,
@@ -130,17 +129,7 @@ def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(exam
     draw = np.random.default_rng(5)
     t = np.arange(60_000) / 100.0
     bodies = (Body("gantry", "robot"), *(Body(f"person_{i}", "human") for i in range(4)))
-    charts = [
-        Chart(
-            f"gantry/person_{i}",
-            "distance",
-            "m",
-            t,
-            np.abs(draw.normal(9, 4, len(t))),
-            np.abs(draw.normal(3, 1, len(t))),
-        )
-        for i in range(4)
-    ]
+    charts = PAGES.noisy_charts(draw, t, 4)
     moments = {
         ("separation", f"gantry/person_{i}"): [Span(60.0 * k, 60.0 * k + 3) for k in range(9)]
         for i in range(4)
