@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from ariac_score import Record, Trial
 
-__all__ = ["CONSOLE", "Console", "CurrentScore", "CurrentScores", "Said", "lines_said", "said_by"]
+__all__ = ["CONSOLE", "Console", "Said", "lines_said", "said_by"]
 
 CONSOLE = "console"
 """What a log witnesses that has the topic of the console."""
@@ -64,39 +64,6 @@ class Console:
         if node not in (GAZEBO, TASK_MANAGER, SCORE_LOGGER):
             return None
         return Said(t_s, node, _COLOUR.sub("", message.msg))
-
-
-@dataclass(frozen=True)
-class CurrentScore(Record):
-    """The score that the simulator of 2017 to 2022 publishes while a trial goes on.
-
-    Attributes:
-        t_s: When, s of trial time.
-        score: As published.
-    """
-
-    timed: ClassVar[bool] = True
-
-    t_s: float
-    score: float
-
-    def shifted(self, by_s: float) -> CurrentScore:
-        """The same score on another clock."""
-        return replace(self, t_s=self.t_s + by_s)
-
-
-class CurrentScores:
-    """Decodes `/ariac/current_score`, 2017 to 2022: competition mode has it in 2017 alone."""
-
-    def decode(self, msgtype: str, message: Any, t_s: float) -> CurrentScore | None:
-        """The score; `None` for anything else.
-
-        Args:
-            msgtype: `package/msg/Name`.
-            message: The message.
-            t_s: Its stamp, s of trial time.
-        """
-        return CurrentScore(t_s, float(message.data)) if msgtype == "std_msgs/msg/Float32" else None
 
 
 def said_by(parts: Iterable[Trial], node: str) -> list[Said]:

@@ -16,7 +16,9 @@ from ariac_score import (
     OfficialResult,
     Trial,
 )
+from ariac_score_ariac.kits import RecordedKits
 from ariac_score_ariac.official.ariac_text import printed_score
+from ariac_score_ariac.official.places import place_of
 from ariac_score_ariac.stock.console import (
     CONSOLE,
     GAZEBO,
@@ -198,17 +200,39 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
             events.append(Event(end_s, COMPETITION_ENDED))
     ended = merged.ended_s is not None or any(event.kind == COMPETITION_ENDED for event in events)
     deliveries = _with_boxes(deliveries_said(said), parts)
-    listed = {summary.id for summary in official.summaries} if official else set()
-    # A score that leaves out an order, as where the recording cuts it off, says nothing of its shipments.
-    whole = score is not None and all(order.id in listed for order in orders)
-    submitted = {s.item_id for s in score.submissions} if score is not None and whole else None
-    named = named_deliveries(deliveries, completions_said(said), orders, submitted=submitted, ended=ended)
+    printed = _submitted(official, orders)
+    boxes = RecordedKits(record for part in parts for record in part.records if isinstance(record, Kit))
+    kits = [boxes.seen(d.agv, d.t_s, max_age_s=_LATEST_S) if d.agv else None for d in deliveries]
+    completions = completions_said(said)
+    named = named_deliveries(deliveries, completions, orders, printed=printed, kits=kits, ended=ended)
     witnessed = {"submissions"} | set(score.witnessed if score else ())
     if any(task.agv != "any" or task.station for order in orders for task in order.tasks):
         witnessed.add(ARM_COLLISION)  # printed from 2019 on, when orders first name an AGV
     return Stock(named.submissions, official, frozenset(witnessed), tuple(events), named.open, named.defects)
 
 
+def _submitted(official: OfficialResult | None, orders: Sequence[Order]) -> dict[str, dict[str, str]] | None:
+    """What the final score prints of each submitted shipment; `None` where it leaves out an order."""
+    printed = {summary.id: summary for summary in official.summaries} if official else {}
+    # As where the recording cuts it off: then it says nothing of the shipments of that order.
+    if official is None or any(order.id not in printed for order in orders):
+        return None
+    found: dict[str, dict[str, str]] = {}
+    for order in orders:
+        blocks: dict[str, dict[str, str]] = {}
+        for path, value in printed[order.id].items.items():
+            block, _, label = path.rpartition("/")
+            blocks.setdefault(block, {})[label] = value
+        for block, values in blocks.items():
+            if block and "true" in (values.get("submitted"), values.get("shipped")):
+                # 2019 and 2020 print no name of what was submitted, but keep the order of the alphabet.
+                place, _ = place_of(order, "submission", values.get("id", ""))
+                found[place.rpartition("/")[2]] = values
+    return found
+
+
+_LATEST_S = 1.0
+"""Contents that are older do not tell one kit from another; trays are seen once a second."""
 _ONE_CONTACT_S = 0.5
 _OF_STATE = ("competition_started", "competition_ended", "order_announced")
 

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -268,6 +269,51 @@ def test_a_shipment_of_2020_that_can_only_be_one_is_scored_as_the_official_score
         with subtests.test(given["case"]):
             log = stock_bag(tmp_path / given["case"], "2020", recorded_2020(given), monkeypatch)
             assert score_trial(log, rules="ariac2020.as_coded").score == given["expected"]["total"]
+
+
+def final_score_2020(given: Mapping[str, Any]) -> str:
+    """The breakdown of 2020, which names no shipment that was submitted; log formats, section 3.3."""
+    lines = [f"End of trial. Final score: {given['expected']['total']:g}", "Score breakdown:", "<game_score>"]
+    lines += ["\tTotal process time: [60]", f"\tArms collision?: [{given['arm_collision']:d}]"]
+    for order in sorted(given["orders"], key=lambda order: str(order["id"])):
+        printed = given["expected"]["orders"][order["id"]]
+        lines += [f"<order_score {order['id']}>", f"\tTotal order score: [{printed['total']:g}]"]
+        lines += [f"\tTime taken: [{printed['time_taken_s']:g}]", "\tPriority: [1]"]
+        for task in sorted(order["tasks"], key=lambda task: str(task["id"])):
+            claims = [
+                s for s in given["submissions"] if s["task"] == task["id"] and s["time_s"] >= order["time_s"]
+            ]
+            lines += [f"<shipment_score {'' if claims else task['id']}>"]
+            lines += [f"\tSubmitted: [{'true' if claims else 'false'}]"]
+            right = bool(claims) and task["agv"] in ("any", claims[0]["agv"])
+            lines += [f"\tDelivered to correct agv: [{str(right).lower()}]", "</shipment_score>", ""]
+        lines += ["</order_score>", ""]
+    return "\n".join([*lines, "</game_score>"])
+
+
+def test_several_shipments_of_2020_are_named_rightly_or_left_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    several = [
+        v
+        for v in vectors("2020")
+        if len(v["submissions"]) > 1
+        and not v["arm_collision"]
+        and not any(order.get("updates") for order in v["orders"])
+        and all(b["time_s"] - a["time_s"] > 1 for a, b in pairwise(v["submissions"]))  # a tray takes time
+    ][:14]
+    decided = 0
+    for given in several:
+        with subtests.test(given["case"]):
+            end_s = max(s["time_s"] for s in given["submissions"]) + 18
+            messages = [*recorded_2020(given), said(end_s, final_score_2020(given))]
+            result = score_trial(
+                stock_bag(tmp_path / given["case"], "2020", messages, monkeypatch), rules="ariac2020.as_coded"
+            )
+            undecided = any(f.verdict is Verdict.INCONCLUSIVE for f in result.measured.findings.values())
+            decided += not undecided
+            assert undecided or result.score == given["expected"]["total"]
+    assert 2 <= decided < len(several)
 
 
 def final_score_2021(given: Mapping[str, Any]) -> str:
