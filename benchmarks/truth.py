@@ -18,6 +18,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def walk(random: np.random.Generator, steps: int, fastest_m_s: float, start: Flo
 def world(random: np.random.Generator, seconds: float) -> Trial:
     """A trial as it was, every millisecond."""
     steps = int(seconds / STEP_S) + 1
-    t = np.arange(steps) * STEP_S
+    t = np.arange(steps, dtype=np.float64) * STEP_S
     bodies = [Body(f"robot_{k}", "robot", 0.2) for k in range(int(random.integers(1, 3)))]
     bodies += [Body(f"human_{k}", "human", 0.2) for k in range(int(random.integers(1, 4)))]
     signals = {}
@@ -102,7 +103,7 @@ def world(random: np.random.Generator, seconds: float) -> Trial:
 # Recorders -------------------------------------------------------------------------------------
 
 
-def kept_rows(random: np.random.Generator, steps: int, rate_hz: float, model: str) -> np.ndarray:  # type: ignore[type-arg]
+def kept_rows(random: np.random.Generator, steps: int, rate_hz: float, model: str) -> Any:
     """The steps that a recorder kept."""
     every = 1.0 / (rate_hz * STEP_S)
     rows = np.arange(0.0, steps, every)

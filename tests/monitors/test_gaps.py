@@ -57,10 +57,8 @@ def test_least_and_most_distance_of_the_worked_cases(subtests: pytest.Subtests) 
             low, high = between(before, after, since, gap_s - since, rate)
             assert (low.min(), high.max()) == (pytest.approx(least, abs=1e-4), pytest.approx(most, abs=1e-4))
     with subtests.test("G18, nearest of two humans"):
-        ends = [
-            between(*pair, np.linspace(0, 1, 1001), np.linspace(1, 0, 1001), 1.6)
-            for pair in ((3, 3), (2, 2.5))
-        ]
+        since = np.linspace(0.0, 1.0, 1001)
+        ends = [between(first, last, since, since[::-1], 1.6) for first, last in ((3.0, 3.0), (2.0, 2.5))]
         nearest = [np.min([both[end] for both in ends], axis=0) for end in (0, 1)]
         assert (nearest[0].min(), nearest[1].max()) == (
             pytest.approx(1.45, abs=1e-3),
@@ -133,22 +131,19 @@ def test_no_walk_through_the_samples_is_anywhere_but_where_the_bounds_say() -> N
         tracks = []
         for fastest in (human_m_s, robot_m_s):
             way = random.normal(size=(steps, 2))
-            way *= (fastest * step_s * random.random((steps, 1)) ** 0.2) / np.linalg.norm(way, axis=1)[
-                :, None
-            ]
-            tracks.append(
-                random.normal(scale=1.0, size=2) + np.concatenate([np.zeros((1, 2)), way.cumsum(0)])
-            )
+            way /= np.linalg.norm(way, axis=1)[:, None]
+            way *= fastest * step_s * random.random((steps, 1)) ** 0.2
+            tracks.append(random.normal(size=2) + np.concatenate([np.zeros((1, 2)), way.cumsum(0)]))
         human, robot = tracks
         distance = np.linalg.norm(human - robot, axis=1)
-        since = np.arange(steps + 1) * step_s
+        since = np.arange(steps + 1, dtype=np.float64) * step_s
         until = since[::-1]
         low, high = between(distance[0], distance[-1], since, until, human_m_s + robot_m_s)
         ends = [
             (np.tile(one[0], (steps + 1, 1)), np.tile(one[-1], (steps + 1, 1)), top * since, top * until)
             for one, top in ((human, human_m_s), (robot, robot_m_s))
         ]
-        near, far = places_apart(*ends)
+        near, far = places_apart(ends[0], ends[1])
 
         assert (low - 1e-9 <= distance).all()
         assert (distance <= high + 1e-9).all()
