@@ -85,7 +85,11 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     rule_set = load_rule_set(arguments.rules) if arguments.rules else None
     name = arguments.log_map or (rule_set.log_map if rule_set else "")
     if not name:
-        return ["", "Give --rules (or --log-map) to see work, entities and which checks could be decided."]
+        return [
+            "",
+            "Give --rules (or --log-map) to see work, entities and which checks could be decided;",
+            "'ariac-score map LOG' drafts a log map.",
+        ]
     prepared = prepare(rule_set, log_map=arguments.log_map, registry=registry) if rule_set else None
     mapping = prepared.log_map if prepared else load_log_map(name)
     try:

@@ -97,20 +97,31 @@ def check_log(
     """
     registry = registry or Registry()
     result = score_trial(path, rule_set, log_map=log_map, registry=registry, progress=progress)
-    lacks = list(_lacks(result, prepare(rule_set, log_map=log_map, registry=registry), path))
+    prepared = prepare(rule_set, log_map=log_map, registry=registry)
+    recorded = _recorded(path, registry)
+    lacks = list(_lacks(result, prepared, recorded))
     undecided = {lack.what for lack in lacks}
     return Readiness(
         result=result,
         lacks=tuple(sorted(lacks, key=lambda lack: _ORDER.index(lack.effect))),
         decided=tuple(name for name in rule_set.checks if name not in undecided),
-        notes=tuple(_notes(result)),
+        notes=(*_unmapped(prepared, recorded), *_notes(result)),
     )
+
+
+def _unmapped(prepared: Prepared, recorded: frozenset[str]) -> Iterator[str]:
+    """What to do where topics were recorded and the log map names none."""
+    if recorded and not prepared.log_map.channels:
+        yield (
+            f"log map {prepared.log_map.id!r} names no topic: 'ariac-score map LOG -o ours.yaml' drafts one "
+            "that does; give it with --log-map ours.yaml"
+        )
 
 
 _ORDER = ("withholds", "costs", "nothing")
 
 
-def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
+def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iterator[Lack]:
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
     causes: dict[str, str] = {}
     spans: dict[str, list[Span]] = {}
@@ -120,7 +131,6 @@ def _lacks(result: Result, prepared: Prepared, path: Path) -> Iterator[Lack]:
             causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)
-    recorded = _recorded(path, prepared.registry) if causes else frozenset()
     for check, cause in causes.items():
         policy = policies.get(check)
         effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"

@@ -111,6 +111,17 @@ def test_names_and_motion_say_who_is_who(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["score", str(drafted.log), "--rules", "safety", "--log-map", str(drafted.file)]) == 0
 
 
+def test_whoever_has_no_log_map_is_told_how_to_get_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_bag(tmp_path / "lab.mcap", frames(arm=swinging), storage="mcap")
+
+    assert main(["info", str(log)]) == 0
+    assert "'ariac-score map LOG' drafts a log map" in capsys.readouterr().out
+    assert main(["check", str(log), "--rules", "safety"]) == 6
+    assert "log map 'safety' names no topic: 'ariac-score map LOG" in capsys.readouterr().out
+
+
 def test_between_equals_nothing_is_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     two = frames(person_1=walking, person_2=still, person_3=lambda t_s: (t_s, 5.0, 0.0), gantry=swinging)
     drafted = Drafted(tmp_path, two)
