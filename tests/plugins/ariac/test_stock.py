@@ -752,7 +752,7 @@ def test_the_safe_rules_of_2023_join_the_verdict_with_the_person(
 def test_a_simulation_at_half_speed_recorded_by_the_wall_clock_is_the_same_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`ros2 bag record` of Galactic has no simulated time; `/clock`, which comes ten times a second, says it."""
+    """`ros2 bag record` of Galactic has no simulated time; `/clock`, ten times a second, says it."""
     by_simulation = recorded_2023(nearest_m=NEAR_M, challenges=[{"type": 4}])
     wall_ns = 1_700_000_000 * S
     by_wall = [replace(m, t_ns=wall_ns + 2 * m.t_ns) for m in by_simulation]
