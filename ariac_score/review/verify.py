@@ -519,6 +519,8 @@ def _is_record(place: _Place, stored: Result) -> bool:
     # Without settings a result is of a version before they were kept, or they were removed from it.
     if place[:2] == ("measured", "settings"):
         return stored.measured.settings is None
+    if place[:2] == ("measured", "statements"):  # nor was it said whose statements it rests on
+        return not stored.measured.statements
     if stored.is_former and _is_of_method(place):
         return True
     # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
