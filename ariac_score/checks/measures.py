@@ -31,6 +31,8 @@ class Measure:
         meaning: In words, for pages and `plugins show`.
         signed: Whether it may be negative, as an offset in time may; `None`: unless it is a time or a
             count. The engine refuses findings in which it is, and may not be.
+        worst: Its value where nothing speaks for the trial, which an undecided finding is priced with in the
+            worst world; `None`: nobody can say.
     """
 
     unit: str
@@ -38,6 +40,17 @@ class Measure:
     best: float | None = None
     meaning: str = ""
     signed: bool | None = None
+    worst: float | None = None
+
+    def __post_init__(self) -> None:
+        # Left out of JSON where there is none, as in results of versions that did not know it.
+        if self.worst is None:
+            self.__dict__.pop("worst", None)
+
+    @property
+    def is_never_negative(self) -> bool:
+        """Whether no finding may have it below 0."""
+        return self.signed is False or (self.signed is None and self.unit in ("s", "count"))
 
     @property
     def reference(self) -> float | None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ariac_score.checks.findings import Finding
+from ariac_score.checks.open_findings import OpenFindings, renamed
 from ariac_score.documents.given import refuse_other
 from ariac_score.engine.measure import stored_findings, stored_name
 from ariac_score.engine.prepared import Rules, rule_set_of
 from ariac_score.engine.provenance import engine_code
 from ariac_score.errors import FormulaError, OtherFactError, RuleSetError
+from ariac_score.results.doubt import left_open
 from ariac_score.results.result import CheckUse, Code, Measured, Pinned, Provenance, Result, Settings
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.pricing import price
@@ -45,6 +47,7 @@ def price_trial(
             digits=rule_set.digits,
             cohort=cohort,
             measures=measured.measures,
+            left_open=left_open(measured, rule_set),
         )
     except OtherFactError as error:
         # What is wrong lies in the trial, so no line of the rule set is its place.
@@ -135,6 +138,7 @@ def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None)
     known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}
     measures = {}
+    open_: list[OpenFindings] = []
     for check in rule_set.checks.values():
         stored = stored_name(result, check)
         if stored is None:
@@ -150,9 +154,12 @@ def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None)
             settings[check.name] = known[stored]
         if stored in result.measured.measures:
             measures[check.name] = result.measured.measures[stored]
+        open_ += [renamed(one, check.name) for one in result.measured.open if one.check == stored]
     # The engine that prices may be another version than the one that measured; both are named.
     code = tuple(sorted({Code(*engine_code()), *result.provenance.code}))
     pinned = Pinned(rule_set.id, rule_set.sha256)
     provenance = replace(result.provenance, rule_set=pinned, code=code)
-    measured = replace(result.measured, findings=findings, settings=settings, measures=measures)
+    measured = replace(
+        result.measured, findings=findings, settings=settings, measures=measures, open=tuple(open_)
+    )
     return price_trial(measured, rule_set, provenance, cohort)

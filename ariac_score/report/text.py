@@ -73,6 +73,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
         yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
     if result.interval is not None:
         yield style(open_sentence(result), "yellow")
+    for reason in measured.unofficial:
+        yield style(f"unofficial: {plain(reason)}", "bold", "yellow")
     told = summary_of(result, with_score=False)
     if told:
         yield told
@@ -221,8 +223,9 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
     priced = [name for name, check in result.checks.items() if check["priced"]]
     found = [
         (key, finding)
-        for key, finding in result.measured.findings.items()
-        if finding.check in priced and (finding.verdict is Verdict.VIOLATED or key in taken)
+        for key, finding in result.measured.in_all_worlds.items()
+        if finding.check in priced
+        and (key in taken or (finding.verdict is Verdict.VIOLATED and key in result.findings))
     ]
     if found:
         yield style("What cost points", "bold")
@@ -277,6 +280,8 @@ _POLICY_WORDS = {
     "zero": "scores 0",
     "worst_case": "counted as violated",
     "exclude": "left out",
+    "worst": "counted at its worst",
+    "best": "counted at its best",
 }
 
 
@@ -496,7 +501,7 @@ def _explained(line: Line, of: _Explained, style: Style, depth: int) -> Iterator
         if line.trace is not None and line.trace.children:
             yield from _traced(line.trace, style, depth + 1)
         for key in line.findings:
-            yield from _finding_lines(key, of.result.measured.findings[key], style, depth + 1)
+            yield from _finding_lines(key, of.result.measured.in_all_worlds[key], style, depth + 1)
 
 
 def _traced(traced: Traced, style: Style, depth: int) -> Iterator[str]:

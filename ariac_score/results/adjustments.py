@@ -13,7 +13,9 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import DataFileError, did_you_mean
+from ariac_score.results.doubt import as_scored
 from ariac_score.results.result import Result
+from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.steward import Adjusted, Adjustment, FiledAdjustment, adjusted_ledger, check_effects
@@ -92,6 +94,18 @@ def _time(document: YamlDocument, number: int, value: Any) -> Any:
             hint="write such as 2024-05-12T14:30:00Z, or with an offset: 2024-05-12T16:30:00+02:00",
         )
     return value
+
+
+def _still_open(result: Result, findings: Mapping[str, Finding], rule_set: RuleSet) -> LeftOpen:
+    """What is open where nobody has decided on the same check and subject."""
+    before, known = result.measured.findings, as_scored(result, rule_set)
+    decided = {
+        (finding.check, finding.subject)
+        for key, finding in findings.items()
+        if key in before and finding.verdict is not before[key].verdict
+    }
+    kept = tuple(one for one in known.findings if (one.check, one.subject) not in decided)
+    return replace(known, findings=kept)
 
 
 def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> Adjustment:
@@ -211,6 +225,7 @@ def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha25
             digits=rule_set.digits,
             cohort=result.cohort,
             measures=result.measured.measures,
+            left_open=_still_open(result, findings, rule_set),
         )
 
     return adjusted_ledger(

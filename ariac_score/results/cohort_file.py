@@ -17,6 +17,7 @@ from msgspec import Meta
 from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
 from ariac_score.results.codec import Format, plain
+from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured, Pinned, Sha256
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import add_up
@@ -125,7 +126,13 @@ def contributed(measured: Measured, rule_set: RuleSet) -> Contributed:
     Raises:
         FormulaError: A formula of the cohort has no value here.
     """
-    return contribute(measured.findings, measured.scopes, rule_set.sheet, rule_set.policies)
+    return contribute(
+        measured.findings,
+        measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        left_open=left_open(measured, rule_set),
+    )
 
 
 def make_cohort(rule_set: RuleSet, trials: Mapping[str, Sequence[Contributed]]) -> Cohort:

@@ -209,7 +209,11 @@ class Measured:
             ),
             "measures": {
                 check: {
-                    name: replace(one, best=None if one.best is None else canonical(one.best))
+                    name: replace(
+                        one,
+                        best=None if one.best is None else canonical(one.best),
+                        worst=None if one.worst is None else canonical(one.worst),
+                    )
                     for name, one in own.items()
                 }
                 for check, own in self.measures.items()
@@ -247,6 +251,12 @@ class Measured:
             },
         }
         return frame(columns, index="id", units={f"quantities.{name}": u for name, u in units.items()})
+
+    @property
+    def in_all_worlds(self) -> dict[str, Finding]:
+        """The findings by id, with those of the worlds that the logs leave open, which ledgers name."""
+        worlds = (world for one in self.open for world in (one.best, one.worst))
+        return {**self.findings, **{key: finding for world in worlds for key, finding in world.items()}}
 
     def of(self, check: str) -> dict[str, Finding]:
         """The findings of one check, by id."""

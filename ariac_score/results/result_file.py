@@ -19,6 +19,7 @@ from ariac_score.documents.given import path_of, refuse_other
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.adjustments import apply, check_targets
 from ariac_score.results.codec import Format, as_text, encodable, plain
+from ariac_score.results.doubt import as_scored
 from ariac_score.results.result import SEQUENCE, Measured, Result
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.ledger import Ledger, reconcile
@@ -435,7 +436,10 @@ def check_follows(result: Result) -> None:
             digits=rule_set.digits,
             cohort=result.cohort,
             measures=result.measured.measures,
+            left_open=as_scored(result, rule_set),
         )
+        if result.is_former:
+            priced = replace(priced, interval=None)
     except ScoreError as error:
         raise ResultError(f"its findings cannot be priced by its rules: {error}", hint=hint) from error
     again, stored = (

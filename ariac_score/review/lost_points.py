@@ -8,6 +8,7 @@ from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import FormulaError
+from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.ledger import rounded, taken_by
@@ -53,19 +54,19 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
     if result.score is None:
         return ()
     rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
-    value = _value(result, rules)
+    findings, value = counted(result, rules), _value(result, rules)
     # A finding that keeps its rule may cost something as well, by what it measured: a time, a distance.
     costly = taken_by(result.ledger)
     wrong = {
         key: finding
-        for key, finding in result.measured.findings.items()
+        for key, finding in findings.items()
         if finding.check in rules.sheet.priced
         and (key in costly or finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE))
     }
     found = [
         Recoverable(what, kind, keys, gain)
         for what, kind, keys in list(_groups(result.measured.scopes, wrong))[:MOST]
-        if (gain := _gain(result, keys, value)) > 0
+        if (gain := _gain(result, findings, keys, value)) > 0
     ]
     # The smallest scope with the same findings names the loss best.
     best: dict[tuple[str, ...], Recoverable] = {}
@@ -85,8 +86,9 @@ def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
     """
     if result.score is None or not keys:
         return {}
-    value = _value(result, rule_set_from_text(result.rules, file="the rules in the result"))
-    return {key: result.score + _gain(result, (key,), value) for key in keys[:MOST]}
+    rules = rule_set_from_text(result.rules, file="the rules in the result")
+    findings, value = counted(result, rules), _value(result, rules)
+    return {key: result.score + _gain(result, findings, (key,), value) for key in keys[:MOST]}
 
 
 def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
@@ -98,13 +100,13 @@ def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
     """
     if result.score is None:
         return {}
-    value = _value(result, rules)
+    findings, value = counted(result, rules), _value(result, rules)
     wrong: dict[str, list[str]] = {}
-    for key, finding in result.measured.findings.items():
+    for key, finding in findings.items():
         bad = finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
         if bad and finding.check in rules.sheet.priced:
             wrong.setdefault(finding.check, []).append(key)
-    gains = {check: _gain(result, tuple(keys), value) for check, keys in wrong.items()}
+    gains = {check: _gain(result, findings, tuple(keys), value) for check, keys in wrong.items()}
     return {check: gain for check, gain in gains.items() if gain > 0}
 
 
@@ -122,11 +124,13 @@ def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], 
 
 
 def _gain(
-    result: Result, keys: tuple[str, ...], value: Callable[[Mapping[str, Finding]], Number | None]
+    result: Result,
+    findings: Mapping[str, Finding],
+    keys: tuple[str, ...],
+    value: Callable[[Mapping[str, Finding]], Number | None],
 ) -> Decimal:
     """How much more the score would be with these findings kept."""
     assert result.score is not None  # called only for scored trials
-    findings = result.measured.findings
     kept = ideal({key: findings[key] for key in keys}, result.measured.measures)
     after = value({**findings, **kept})
     return Decimal(0) if after is None else rounded(after, result.digits) - result.score

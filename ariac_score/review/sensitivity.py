@@ -30,6 +30,7 @@ from ariac_score.errors import (
 from ariac_score.ranking.competition import Competition, RunKey, work_by_of
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
+from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured, Result
 from ariac_score.scoring.expression import text_of
 from ariac_score.scoring.ledger import rounded
@@ -273,7 +274,9 @@ class RunLog:
     def measure_again(self, measured: Measured, rule_set: RuleSet, checks: Sequence[str]) -> Measured:
         """What was measured, with the new findings of some checks."""
         kept = {name: f for name, f in measured.findings.items() if f.check not in checks}
-        return replace(measured, findings={**kept, **self.measure(rule_set, checks).findings})
+        open_ = tuple(one for one in measured.open if one.check not in checks)
+        new = self.measure(rule_set, checks)
+        return replace(measured, findings={**kept, **new.findings}, open=(*open_, *new.open))
 
     def _derived(self, prepared: Prepared) -> Trial:
         wanted = prepared.derivations
@@ -336,7 +339,13 @@ def _score(measured: Measured, rule_set: RuleSet, result: Result) -> float | Non
     """The score, not rounded; `None` where there is none, as where a number is out of its domain."""
     try:
         return value_of(
-            measured.findings, measured.scopes, rule_set.sheet, rule_set.policies, cohort=result.cohort
+            measured.findings,
+            measured.scopes,
+            rule_set.sheet,
+            rule_set.policies,
+            cohort=result.cohort,
+            measures=measured.measures,
+            left_open=left_open(measured, rule_set),
         )
     except FormulaError:
         return None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from ariac_score.errors import FormulaError
+from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import rounded
@@ -98,9 +99,17 @@ def task_points(measured: Measured, rules: RuleSet, cohort: CohortValues) -> Dec
     about = frozenset(safety_checks(rules, measured))
     kept = ideal({key: f for key, f in measured.findings.items() if f.check in about}, measured.measures)
     findings = {**measured.findings, **kept}
+    known = left_open(measured, rules)
+    known = replace(known, findings=tuple(one for one in known.findings if one.check not in about))
     try:
         worth = value_of(
-            findings, measured.scopes, rules.sheet, rules.policies, cohort=_calm(cohort, rules, about)
+            findings,
+            measured.scopes,
+            rules.sheet,
+            rules.policies,
+            cohort=_calm(cohort, rules, about),
+            measures=measured.measures,
+            left_open=known,
         )
     except FormulaError:
         return None

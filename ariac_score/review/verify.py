@@ -40,6 +40,7 @@ from ariac_score.results.result_file import (
     read_result,
     result_in,
 )
+from ariac_score.scoring.policy import OPEN
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, load_rule_set, rule_set_from_text
 
 __all__ = ["Step", "Verification", "verify_result"]
@@ -268,6 +269,10 @@ def _canonical(text: str, tag: str, result: Result) -> Step:
     return Step("bytes", FAILED, words)
 
 
+def _as_before(policy: str) -> str:
+    return "withhold" if policy == OPEN else policy
+
+
 def _installed(result: Result) -> RuleSet | None:
     """The rule set of that name, where one is installed."""
     try:
@@ -286,7 +291,10 @@ def _rules(result: Result, given: RuleSet | None, *, required: bool) -> Step:
         return Step(
             "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
         )
-    if (own.title, own.notes, check_uses(own)) != (result.rule_set_title, result.notes, result.checks):
+    uses = check_uses(own)
+    if result.is_former:  # until then what nobody said anything about withheld the score
+        uses = {n: {**u, "on_inconclusive": _as_before(u["on_inconclusive"])} for n, u in uses.items()}
+    if (own.title, own.notes, uses) != (result.rule_set_title, result.notes, result.checks):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
     for check, parameter in _given_otherwise(result):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"

@@ -298,10 +298,19 @@ def _priced(
         }
         kept = {key: f for key, f in result.measured.findings.items() if f.check not in again}
         new = {key: f for findings in again.values() for key, f in (findings or {}).items()}
-        result = replace(result, checks=checks, measured=replace(result.measured, findings={**kept, **new}))
+        open_ = tuple(one for one in result.measured.open if one.check not in again)
+        result = replace(
+            result, checks=checks, measured=replace(result.measured, findings={**kept, **new}, open=open_)
+        )
     sheet = rules.sheet
     try:
-        if sheet.needs_cohort or sheet.pooled or sheet.task is not None or result.status != "scored":
+        if (
+            sheet.needs_cohort
+            or sheet.pooled
+            or sheet.task is not None
+            or result.status != "scored"
+            or result.is_open
+        ):
             return reprice(result, rules)
         value = value_of(result.measured.findings, result.measured.scopes, sheet, rules.policies)
     except FormulaError as error:

@@ -1,4 +1,4 @@
-"""What an undecided finding counts as: by default nothing, and then there is no score."""
+"""What an undecided finding counts as where a rule set says it for the check that made it."""
 
 from __future__ import annotations
 
@@ -11,15 +11,26 @@ from msgspec import Meta
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 
-__all__ = ["POLICIES", "Assumed", "Assumption", "Policy", "assume", "ideal"]
+__all__ = ["MADE", "OPEN", "POLICIES", "Assumed", "Assumption", "Policy", "assume", "ideal"]
+
+OPEN = "open"
+"""The policy of a check for which the rule set says nothing else."""
 
 POLICIES = {
+    OPEN: "the score lies between those of the best and the worst that it can be",
     "withhold": "no score until it is decided",
     "zero": "the trial scores 0",
     "worst_case": "counted as a critical violation, at full depth for all of the time",
     "exclude": "left out, as if the check had not run",
 }
 Policy = Annotated[str, Meta(pattern=f"^({'|'.join(POLICIES)})$")]
+MADE = {
+    **{name: words for name, words in POLICIES.items() if name != OPEN},
+    "worst": "counted at its worst",
+    "best": "counted at its best",
+}
+"""What can have been made of an undecided finding."""
+Made = Annotated[str, Meta(pattern=f"^({'|'.join(MADE)})$")]
 
 
 @dataclass(frozen=True)
@@ -29,13 +40,13 @@ class Assumption:
     Attributes:
         finding: Its id.
         check: The check that made it.
-        policy: What it counts as, one of `POLICIES`.
+        policy: What it counts as, one of `MADE`.
         message: Why it is undecided.
     """
 
     finding: str
     check: str
-    policy: Policy
+    policy: Made
     message: str
 
 
@@ -79,7 +90,10 @@ def assume(findings: Mapping[str, Finding], policies: Mapping[str, str], *, pric
         if finding.verdict is not Verdict.INCONCLUSIVE or finding.check not in relevant:
             kept[key] = finding
             continue
-        policy = policies.get(finding.check, "withhold")
+        policy = policies.get(finding.check, OPEN)
+        if policy == OPEN:  # priced in the worlds that it leaves possible
+            kept[key] = finding
+            continue
         assumptions.append(Assumption(key, finding.check, policy, finding.message))
         if policy == "worst_case":
             kept[key] = _worst(finding)

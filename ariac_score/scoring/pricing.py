@@ -1,4 +1,4 @@
-"""From findings to a priced trial: what undecided findings count as, the score, its ledger."""
+"""From findings to a priced trial: the score, its ledger, and between which scores the trial lies."""
 
 from __future__ import annotations
 
@@ -8,20 +8,26 @@ from decimal import Decimal
 
 from msgspec.structs import replace
 
-from ariac_score.checks.findings import Finding
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError, NeedsCohortError, UnknownFactError
+from ariac_score.scoring.bounds import Worlds
 from ariac_score.scoring.cohort import CohortValues, Contribution
 from ariac_score.scoring.decimals import in_own_decimals
-from ariac_score.scoring.expression import Expression, Number, Traced
+from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
-from ariac_score.scoring.policy import Assumed, Assumption, assume, ideal
+from ariac_score.scoring.left_open import LeftOpen, Variable, variables_of
+from ariac_score.scoring.policy import OPEN, Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.settled import Settled, interval_of, settle
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import tree_of
 
-__all__ = ["Contributed", "Priced", "contribute", "price", "value_of"]
+__all__ = ["Contributed", "Priced", "contribute", "counted_world", "price", "value_of"]
+
+
+NOTHING_OPEN = LeftOpen()
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,8 @@ class Priced:
     """What findings are worth.
 
     Attributes:
-        status: `scored`; `incomplete` when an undecided finding withholds the score;
-            `needs_cohort` when it takes values across teams that are not given.
+        status: `scored`; `incomplete` when an undecided finding withholds the score, or nothing bounds
+            it; `needs_cohort` when it takes values across teams that are not given.
         ledger: The score taken apart; `None` unless scored.
         task: The task score taken apart; `None` when the sheet has none, or it is withheld.
         possible: What the trial could have earned with every finding satisfied and every quantity at the
@@ -66,7 +72,12 @@ class Contributed:
 
 
 def contribute(
-    findings: Mapping[str, Finding], scopes: Scope, sheet: ScoreSheet, policies: Mapping[str, str]
+    findings: Mapping[str, Finding],
+    scopes: Scope,
+    sheet: ScoreSheet,
+    policies: Mapping[str, str],
+    *,
+    left_open: LeftOpen = NOTHING_OPEN,
 ) -> Contributed:
     """What a trial brings to the values across teams; nothing where a value is undecided.
 
@@ -75,6 +86,7 @@ def contribute(
         scopes: The scopes, outermost.
         sheet: The formulas.
         policies: What undecided findings count as, by check.
+        left_open: What the log leaves open.
 
     Raises:
         FormulaError: A formula of the cohort has no value here.
@@ -84,8 +96,9 @@ def contribute(
     for name, term in sheet.cohort.items():
         used = frozenset[str]().union(*(sheet.checks_in(formula, term.level) for formula in term.formulas))
         assumed = assume(findings, policies, priced=used)
-        if assumed.withheld:
-            undecided[name] = assumed.withheld[0].message
+        variables = variables_of(assumed.findings, left_open, _open_checks(used, policies), {})
+        if variables:
+            undecided[name] = variables[0].causes[0]
         else:
             values += sheet.contributions(scopes, assumed.findings, only=name)
     return Contributed(tuple(values), undecided)
@@ -101,6 +114,7 @@ def price(
     digits: int,
     cohort: CohortValues | None = None,
     measures: Mapping[str, Mapping[str, Measure]] | None = None,
+    left_open: LeftOpen = NOTHING_OPEN,
 ) -> Priced:
     """Price findings.
 
@@ -112,28 +126,36 @@ def price(
         digits: Decimal digits of score and ledger.
         cohort: Values across teams, where there are any.
         measures: What checks declare of their quantities, by check and quantity.
+        left_open: What the log leaves open, and which end of it counts.
 
     Raises:
         FormulaError: A formula has no value here, such as a division by zero.
     """
-    cohort = cohort or CohortValues()
+    cohort, measures = cohort or CohortValues(), measures or {}
     assumed = assume(findings, policies, priced=sheet.priced)
-    maker = _LedgerMaker(scopes, sheet, assumed, cohort, measures or {}, digits)
-    task = _task(scopes, sheet, assumed, maker)
+    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.priced, policies), measures)
+    maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, digits, left_open.counts)
+    task = maker.task()
     # Before any score is refused: a withheld result still says what it could have been.
     possible = _possible(ideal(findings, measures), scopes, sheet, cohort, digits)
-    if _withheld(assumed, sheet.scored):
-        return Priced("incomplete", None, task, possible, assumed.assumptions)
     try:
-        score = sheet.evaluate(scopes, assumed.findings, cohort)
+        settled = maker.settled(sheet.score, sheet.scored, cohort)
     except NeedsCohortError as missing:
-        return Priced("needs_cohort", None, task, possible, assumed.assumptions, missing.cause)
+        return Priced("needs_cohort", None, task, possible, maker.assumptions(None), missing.cause)
     except UnknownFactError as missing:
-        return Priced("incomplete", None, task, possible, assumed.assumptions, missing.cause)
-    ledger = _zeroed(maker.ledger(sheet.score, score, "score"), assumed, sheet.scored)
-    if possible is not None and possible < ledger.amount:
+        return Priced("incomplete", None, task, possible, maker.assumptions(None), missing.cause)
+    assumptions = maker.assumptions(settled)
+    withheld = maker.is_withheld(sheet.scored, settled)
+    interval = interval_of(settled, digits, maker.counts_of(sheet.scored)) if settled.is_bounded else None
+    if maker.is_zeroed(sheet.scored):
+        withheld, interval = _withheld(assumed, sheet.scored), None
+    if withheld or not settled.is_bounded:
+        missing_words = "" if settled.is_bounded else settled.unbounded
+        return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
+    ledger = maker.ledger(sheet.score, settled, sheet.scored, "score")
+    if possible is not None and possible < (interval.most if interval else ledger.amount):
         possible = None
-    return Priced("scored", ledger, task, possible, assumed.assumptions)
+    return Priced("scored", ledger, task, possible, assumptions, "", interval)
 
 
 def value_of(
@@ -143,8 +165,10 @@ def value_of(
     policies: Mapping[str, str],
     *,
     cohort: CohortValues | None = None,
+    measures: Mapping[str, Mapping[str, Measure]] | None = None,
+    left_open: LeftOpen = NOTHING_OPEN,
 ) -> Number | None:
-    """The number that `price` rounds to the score; `None` when the score is withheld.
+    """The number that `price` rounds to the score; `None` when there is none.
 
     Raises:
         FormulaError: It has no value here.
@@ -154,7 +178,50 @@ def value_of(
         return None
     if assumed.zeroed:
         return 0
-    return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
+    measures = measures or {}
+    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.scored, policies), measures)
+    if not variables:
+        return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
+    maker = _Maker(scopes, sheet, assumed, variables, cohort or CohortValues(), measures, 9, left_open.counts)
+    settled = maker.settled(sheet.score, sheet.scored, maker.cohort)
+    if not settled.is_bounded or maker.is_withheld(sheet.scored, settled):
+        return None
+    return settled.value
+
+
+def counted_world(
+    findings: Mapping[str, Finding],
+    scopes: Scope,
+    sheet: ScoreSheet,
+    policies: Mapping[str, str],
+    *,
+    cohort: CohortValues,
+    measures: Mapping[str, Mapping[str, Measure]],
+    left_open: LeftOpen,
+) -> Mapping[str, Finding]:
+    """The findings of the world whose score counts; those that were seen where nothing is open.
+
+    What a rule set has a policy for stays undecided in it.
+
+    Raises:
+        FormulaError: The score has no value.
+    """
+    assumed = assume(findings, policies, priced=sheet.scored)
+    variables = variables_of(findings, left_open, _open_checks(sheet.scored, policies), measures)
+    if not variables:
+        return findings
+    maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 0, left_open.counts)
+    settled = maker.settled(sheet.score, sheet.scored, cohort)
+    seen = {key for one in variables for key in one.seen}
+    return {
+        **{key: f for key, f in findings.items() if key not in seen},
+        **{key: f for key, f in settled.findings.items() if key in seen or key not in findings},
+    }
+
+
+def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset[str]:
+    """The checks of which what is undecided is priced in the worlds that it leaves possible."""
+    return frozenset(check for check in used if policies.get(check, OPEN) in (OPEN, "withhold"))
 
 
 def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
@@ -162,31 +229,86 @@ def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
 
 
 @dataclass(frozen=True)
-class _LedgerMaker:
+class _Maker:
+    """Makes score and task score of one trial, each in the world that counts."""
+
     scopes: Scope
     sheet: ScoreSheet
     assumed: Assumed
+    variables: list[Variable]
     cohort: CohortValues
     measures: Mapping[str, Mapping[str, Measure]]
     digits: int
+    counts: str
 
-    def ledger(self, formula: Expression, value: Traced, root: str) -> Ledger:
-        tree = tree_of(self.sheet, formula, self.scopes, self.assumed.findings, self.cohort, self.measures)
-        undecided = [assumption.finding for assumption in self.assumed.assumptions]
-        return make_ledger(
-            tree, value, self.assumed.findings, digits=self.digits, root=root, undecided=undecided
+    def settled(self, formula: Expression, used: frozenset[str], cohort: CohortValues) -> Settled:
+        """A formula in the world that counts, and its ends in all others."""
+        inside = [one for one in self.variables if one.check in used]
+        worlds = Worlds(
+            self.sheet, formula, self.scopes, self.assumed.findings, inside, cohort, self.measures
         )
+        return settle(worlds, counts=self.counts)
+
+    def counts_of(self, used: frozenset[str]) -> str:
+        return "withhold" if _withheld(self.assumed, used) else self.counts
+
+    def is_withheld(self, used: frozenset[str], settled: Settled) -> bool:
+        open_ = self.counts == "withhold" and interval_of(settled, self.digits, self.counts) is not None
+        return _withheld(self.assumed, used) or open_
+
+    def is_zeroed(self, used: frozenset[str]) -> bool:
+        return any(assumption.check in used for assumption in self.assumed.zeroed)
+
+    def ledger(self, formula: Expression, settled: Settled, used: frozenset[str], root: str) -> Ledger:
+        tree = tree_of(self.sheet, formula, self.scopes, settled.findings, self.cohort, self.measures)
+        undecided = [assumption.finding for assumption in self.assumed.assumptions]
+        ledger = make_ledger(
+            tree, settled.traced, settled.findings, digits=self.digits, root=root, undecided=undecided
+        )
+        return _zeroed(_bounded(ledger, settled.amount(self.digits)), self.assumed, used)
+
+    def task(self) -> Ledger | None:
+        task, used = self.sheet.task, self.sheet.priced_by_task
+        if task is None or _withheld(self.assumed, used):
+            return None
+        try:
+            settled = self.settled(task, used, CohortValues())
+        except UnknownFactError:
+            return None
+        if not settled.is_bounded or self.is_withheld(used, settled):
+            return None
+        return self.ledger(task, settled, used, "task")
+
+    def assumptions(self, settled: Settled | None) -> tuple[Assumption, ...]:
+        """What was made of everything undecided, in order of finding id."""
+        made = {assumption.finding: assumption for assumption in self.assumed.assumptions}
+        decided = settled is not None and settled.is_bounded
+        for one in self.variables:
+            seen = {key: self.assumed.findings[key] for key in one.seen}
+            open_ones = {k: f for k, f in seen.items() if f.verdict is Verdict.INCONCLUSIVE} or seen
+            at_worst = settled is None or settled.pins.get(one.key, self.counts != "best")
+            policy = "worst" if at_worst else "best"
+            if not decided or self.counts == "withhold":
+                policy = "withhold"
+            for key, finding in open_ones.items():
+                made.setdefault(key, Assumption(key, one.check, policy, finding.message))
+        return tuple(made[key] for key in sorted(made))
 
 
-def _task(scopes: Scope, sheet: ScoreSheet, assumed: Assumed, maker: _LedgerMaker) -> Ledger | None:
-    if sheet.task is None or _withheld(assumed, sheet.priced_by_task):
-        return None
-    try:
-        task = sheet.evaluate_task(scopes, assumed.findings)
-    except UnknownFactError:
-        return None
-    assert task is not None  # the sheet has one
-    return _zeroed(maker.ledger(sheet.task, task, "task"), assumed, sheet.priced_by_task)
+def _bounded(ledger: Ledger, score: Decimal) -> Ledger:
+    """The ledger of a world, with a line for what the bound lies beyond it."""
+    beyond = score - ledger.amount
+    if not beyond:
+        return ledger
+    line = Line(
+        f"{ledger.path}/bound",
+        "not seen, bounded: several worlds are possible, and no single one is at the bound",
+        "amount",
+        beyond,
+        0,
+    )
+    before = replace(ledger, path=f"{ledger.path}/before")
+    return Line(ledger.path, ledger.label, "sum", score, float(score), children=(before, line))
 
 
 def _possible(

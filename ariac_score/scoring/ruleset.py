@@ -64,6 +64,7 @@ from ariac_score.scoring.named import (
     without_numbers,
 )
 from ariac_score.scoring.penalties import with_penalty
+from ariac_score.scoring.policy import OPEN
 from ariac_score.scoring.printed import PrintedItem, PrintedSum, PrintedText
 from ariac_score.scoring.sheet import RESERVED, ScoreSheet
 from ariac_score.scoring.variation import given_monitor, set_number
@@ -83,6 +84,7 @@ __all__ = [
 ]
 
 _SCORE = "score"
+_MONITORS = "ariac_score.monitors"
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Check:
     use: str
     group: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    on_inconclusive: str = "withhold"
+    on_inconclusive: str = OPEN
     named: Mapping[str, str] = field(default_factory=dict)
     place: Mapping[str, str] = field(default_factory=dict)
 
@@ -169,6 +171,7 @@ class RuleSet:
         given: The checks that were given in Python, by name.
         bounds: How fast bodies can move, as in the file.
         between_samples: `held`: a sample stands until the next one; `bounded`: every interval is bounded.
+        counts: Which score of those that a log allows is the score: `worst`, `best`, or `withhold` for none.
     """
 
     id: str
@@ -193,6 +196,7 @@ class RuleSet:
     given: Mapping[str, GivenPlugin] = field(default_factory=dict, repr=False)
     bounds: Mapping[str, Any] = field(default_factory=dict)
     between_samples: str = "held"
+    counts: str = "worst"
 
     @cached_property
     def text(self) -> str:
@@ -208,6 +212,11 @@ class RuleSet:
     def policies(self) -> dict[str, str]:
         """What undecided findings count as, by check."""
         return {check.name: check.on_inconclusive for check in self.checks.values()}
+
+    @property
+    def monitors(self) -> frozenset[str]:
+        """The checks that watch motion and events, rather than judge work."""
+        return frozenset(check.name for check in self.checks.values() if check.group == _MONITORS)
 
     @property
     def about_work(self) -> bool:
@@ -596,6 +605,7 @@ def _parsed(written: YamlDocument) -> RuleSet:
         printed=printed,
         bounds=data.get("bounds", {}),
         between_samples=data.get("between_samples", "held"),
+        counts=data.get("open", "worst"),
     )
 
 
@@ -837,7 +847,7 @@ def _check(
         use=body["use"],
         group=f"ariac_score.{key}",
         parameters=given,
-        on_inconclusive=body.get("on_inconclusive", "withhold"),
+        on_inconclusive=body.get("on_inconclusive", OPEN),
         named={parameter: named for parameter, value in stated.items() for named in references(value)},
         place={**places, "use": document.place([key, name, "use"]), "": document.place([key, name])},
     )

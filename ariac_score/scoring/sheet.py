@@ -24,6 +24,7 @@ from ariac_score.scoring.levels import (
 from ariac_score.scoring.scope import Scope
 
 __all__ = [
+    "AGAIN_AFTER_S",
     "AGGREGATES",
     "CHECK_FUNCTIONS",
     "RESERVED",
@@ -98,7 +99,7 @@ _OPTIONS: Mapping[str, frozenset[str]] = {
 }
 _UNITS: Mapping[str, str] = {"points": POINTS, "count": COUNT, "seconds": "s"}
 """Units of what functions on checks give; `measure` gives what the quantity is in."""
-_DEFAULT_S = 5.0
+AGAIN_AFTER_S = 5.0
 """After how long a violation that goes on costs the same again, unless a formula says otherwise.
 
 Source: monitor catalogue, section 3.
@@ -283,6 +284,18 @@ class ScoreSheet:
             FormulaError: Naming the term and the scope in which it cannot be evaluated.
         """
         return Pricing(self, trial, findings, cohort).root(self.score, "score")
+
+    def value_of(
+        self, formula: Expression, trial: Scope, findings: Mapping[str, Finding], cohort: CohortValues
+    ) -> Traced:
+        """A formula of the whole trial with its trace: the score or the task score.
+
+        Raises:
+            ScoreError: As `evaluate`.
+        """
+        return Pricing(self, trial, findings, cohort).root(
+            formula, "score" if formula is self.score else "task score"
+        )
 
     def evaluate_task(self, trial: Scope, findings: Mapping[str, Finding]) -> Traced | None:
         """The task score, before any value across teams enters; `None` when the sheet has none.
@@ -713,7 +726,7 @@ class ScopeNames:
             scopes = list(self.scope.each(first))
             return Traced(f"count({first})", len(scopes), "fact", subject=self.scope.path)
         if function == "charged":
-            return self._charged(options)
+            return self.charged(options)
         if function in CHECK_FUNCTIONS and first in self.pricing.sheet.checks:
             return self._of_check(function, first, arguments[1:], options)
         level = self.inner_level(arguments) if len(arguments) == 1 else ""
@@ -777,10 +790,10 @@ class ScopeNames:
         unit = _unit_of(findings, rest[0].source) if function == "measure" else _UNITS.get(function, "")
         return self._trace(function, (check,), label, value, parts, findings, unit)
 
-    def _charged(self, options: Mapping[str, Number]) -> Traced:
+    def charged(self, options: Mapping[str, Number]) -> Traced:
         """What the violations of several checks cost, each moment under its heaviest."""
         weights = {name: weight for name, weight in options.items() if name not in _OPTIONS["charged"]}
-        again_after_s = options.get("again_after_s", _DEFAULT_S)
+        again_after_s = options.get("again_after_s", AGAIN_AFTER_S)
         label = f"charged({', '.join(f'{name}={value:g}' for name, value in options.items())})"
         for name, weight in weights.items():
             if weight < 0:
@@ -862,11 +875,11 @@ class ScopeNames:
         elif function == "seconds":
             shares = _seconds(findings, label)
         elif function == "demerits":
-            shares = _demerits(findings, options.get("tau_s", _DEFAULT_S), label)
+            shares = _demerits(findings, options.get("tau_s", AGAIN_AFTER_S), label)
         elif function == "measure":
             shares = _measures(findings, rest[0].source, label)
         elif function == "occurrences":
-            shares = _occurrences(findings, options.get("every_s", _DEFAULT_S), label)
+            shares = _occurrences(findings, options.get("every_s", AGAIN_AFTER_S), label)
         elif function == "gate":
             critical = [(key, one) for key, one in violations if findings[key].critical]
             return int(not critical), critical

@@ -193,12 +193,12 @@ def test_diff_over_a_folder_without_results_is_refused(
     assert "no stored result" in capsys.readouterr().err
 
 
-def test_a_result_that_was_withheld_can_be_priced_under_a_rule_set_with_a_policy(tmp_path: Path) -> None:
+def test_a_result_that_was_open_can_be_priced_under_a_rule_set_with_a_policy(tmp_path: Path) -> None:
     from ariac_score.testing import write_trial_log  # noqa: PLC0415  # only this test makes a log
     from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
 
     log = write_trial_log(tmp_path / "t.jsonl", kitting_trial(human=False), signals=["speed/robot"])
-    withheld = score_trial(log, "paper2020")
+    unseen = score_trial(log, "paper2020")
     text = HEAD + (
         "monitors:\n"
         "  separation: {use: iso_ts_15066.ssm_separation, on_inconclusive: exclude,"
@@ -207,9 +207,12 @@ def test_a_result_that_was_withheld_can_be_priced_under_a_rule_set_with_a_policy
         " with: {distance: centre_distance, contact_distance_m: 0.5}}\n"
     )
 
-    again = reprice(withheld, load_rule_set(_file(tmp_path, text)))
+    again = reprice(unseen, load_rule_set(_file(tmp_path, text)))
 
-    assert (withheld.score, again.score) == (None, Decimal(28))
+    # Without a human nobody knows whether he was touched, which would take everything.
+    assert unseen.interval is not None
+    assert (unseen.score, unseen.interval.least, unseen.interval.most) == (0, 0, 28)
+    assert (again.score, again.interval) == (Decimal(28), None)
     assert {a.policy for a in again.assumptions} == {"exclude"}
     assert json.loads(as_json(again))["status"] == "scored"
 

@@ -60,9 +60,9 @@ def test_what_is_undecided_and_not_priced_stays_undecided_and_withholds_nothing(
     assert (outcome.assumptions, outcome.withheld, outcome.zeroed) == ((), (), ())
 
 
-@pytest.mark.parametrize("policies", [{"separation": "withhold"}, {}])
-def test_by_default_an_undecided_finding_withholds_the_score(policies: dict[str, str]) -> None:
-    outcome = assume({"a": UNDECIDED, "b": BROKEN}, policies, priced=["separation"])
+def test_a_rule_set_can_withhold_the_score_for_an_undecided_finding() -> None:
+    findings = {"a": UNDECIDED, "b": BROKEN}
+    outcome = assume(findings, {"separation": "withhold"}, priced=["separation"])
 
     assert outcome.withheld == (Assumption("a", "separation", "withhold", "no samples"),)
     assert outcome.zeroed == ()
@@ -71,7 +71,15 @@ def test_by_default_an_undecided_finding_withholds_the_score(policies: dict[str,
 def test_one_undecided_finding_among_many_withholds_the_score() -> None:
     findings = {f"f{i}": KEPT for i in range(9)} | {"f4": UNDECIDED}
 
-    assert [a.finding for a in assume(findings, {}, priced=["separation"]).withheld] == ["f4"]
+    outcome = assume(findings, {"separation": "withhold"}, priced=["separation"])
+    assert [a.finding for a in outcome.withheld] == ["f4"]
+
+
+@pytest.mark.parametrize("policies", [{"separation": "open"}, {}])
+def test_by_default_an_undecided_finding_stays_open_and_nothing_is_assumed(policies: dict[str, str]) -> None:
+    outcome = assume({"a": UNDECIDED}, policies, priced=["separation"])
+
+    assert (outcome.findings, outcome.assumptions) == ({"a": UNDECIDED}, ())
 
 
 def test_zero_says_so_and_does_not_withhold() -> None:

@@ -79,7 +79,7 @@ def _rows(result: Result) -> Iterator[dict[str, Any]]:
             "priced": used["priced"],
             "subject": finding.subject,
             "verdict": finding.verdict.value,
-            "automatic_verdict": result.measured.findings[key].verdict.value,
+            "automatic_verdict": result.measured.in_all_worlds[key].verdict.value,
             "start_s": None if finding.span is None else canonical(finding.span.start_s),
             "end_s": None if finding.span is None else canonical(finding.span.end_s),
             "margin": finding.robustness,

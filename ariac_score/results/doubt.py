@@ -1,0 +1,59 @@
+"""What the log of a result leaves open, as pricing takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ariac_score.checks.findings import Finding
+from ariac_score.results.result import SEQUENCE, Measured, Result
+from ariac_score.scoring.left_open import LeftOpen
+from ariac_score.scoring.pricing import counted_world
+from ariac_score.scoring.ruleset import RuleSet
+
+__all__ = ["as_scored", "counted", "left_open"]
+
+_PAUSE = "t_off_s"
+"""How long a pause must be for two violations to be two, as monitors name it."""
+
+
+def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
+    """What a log leaves open, and what that counts as by some rules."""
+    stated = {
+        name: setting.value
+        for name, settings in (measured.settings or {}).items()
+        for setting in settings.parameters
+        if setting.name == _PAUSE
+    }
+    given = {name: check.parameters.get(_PAUSE) for name, check in rule_set.checks.items()}
+    pauses = {**given, **stated}
+    return LeftOpen(
+        findings=measured.open,
+        counts=rule_set.counts,
+        monitors=rule_set.monitors,
+        pauses_s={name: float(s) for name, s in pauses.items() if isinstance(s, int | float)},
+        watched=measured.watched or measured.window,
+    )
+
+
+def as_scored(result: Result, rule_set: RuleSet) -> LeftOpen:
+    """The same as the version had it that wrote a result: until `result/2` nothing open had a score."""
+    found = left_open(result.measured, rule_set)
+    return LeftOpen(counts="withhold") if result.ledger_method == SEQUENCE else found
+
+
+def counted(result: Result, rule_set: RuleSet) -> Mapping[str, Finding]:
+    """The findings of the world whose score counts, which are those of the ledger, by id.
+
+    Raises:
+        FormulaError: The score has no value.
+    """
+    measured = result.measured
+    return counted_world(
+        measured.findings,
+        measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        cohort=result.cohort,
+        measures=measured.measures,
+        left_open=as_scored(result, rule_set),
+    )

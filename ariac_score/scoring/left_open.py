@@ -1,0 +1,251 @@
+"""What a log leaves open for a score, as variables: each lies between its best and its worst world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import floor, inf
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import OpenFindings
+from ariac_score.trial.spans import Span
+
+__all__ = ["NOT_SEEN", "LeftOpen", "Variable", "variables_of"]
+
+TIME, DEPTH = "time_in_violation_s", "relative_depth_integral_s"
+_ALL_IN = (TIME, DEPTH)
+"""Quantities that are at most the time itself: a relative depth is at most 1."""
+NOT_SEEN = {"worst": "not seen, counted at its worst", "best": "not seen, counted at its best"}
+
+
+@dataclass(frozen=True)
+class LeftOpen:
+    """What pricing knows of what a log leaves open.
+
+    Attributes:
+        findings: What checks find in the best and the worst world, by check and subject.
+        counts: Which end of the interval is the score: `worst`, `best`, or `withhold` for none.
+        monitors: The checks of which one undecided finding may stand for any number of violations; of all
+            others it stands for one verdict.
+        pauses_s: By check how long a pause must be for two violations to be two.
+        watched: The time in which violations may have been.
+    """
+
+    findings: tuple[OpenFindings, ...] = ()
+    counts: str = "worst"
+    monitors: frozenset[str] = frozenset()
+    pauses_s: Mapping[str, float] = field(default_factory=dict)
+    watched: Span | None = None
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One thing that is open: the findings of a check about a subject, or one undecided finding.
+
+    Attributes:
+        key: Its name among the inputs of a formula.
+        check: Whose findings.
+        subject: Whom they are about.
+        best: The findings in its best world, by id.
+        worst: Those in its worst world.
+        seen: Ids of the findings that these replace.
+        causes: Why it is open, in words.
+        is_verdict: Whether it is one verdict, so that there is no world between both.
+        tight: Whether both worlds may have been.
+        fewest: No world has fewer violations.
+        most: No world has more.
+        limits: Of quantities that are not measured, the value in the best and the worst world; `None` for
+            either where nothing bounds it. Those of `best` and `worst` where it is `None`.
+    """
+
+    key: str
+    check: str
+    subject: str
+    best: Mapping[str, Finding]
+    worst: Mapping[str, Finding]
+    seen: tuple[str, ...]
+    causes: tuple[str, ...]
+    is_verdict: bool
+    tight: bool
+    fewest: float
+    most: float
+    limits: Mapping[str, tuple[float, float]] | None = None
+
+    def world(self, *, worst: bool) -> Mapping[str, Finding]:
+        """Its findings in one of its two worlds."""
+        return self.worst if worst else self.best
+
+
+def variables_of(
+    findings: Mapping[str, Finding],
+    left_open: LeftOpen,
+    open_checks: Iterable[str],
+    measures: Mapping[str, Mapping[str, Measure]],
+) -> list[Variable]:
+    """What is open among the findings of some checks.
+
+    Args:
+        findings: As the checks saw them, by id.
+        left_open: What the log leaves open.
+        open_checks: The checks whose undecided findings have no policy of their own.
+        measures: What checks declare of their quantities, by check and quantity.
+    """
+    among = frozenset(open_checks)
+    found: list[Variable] = []
+    covered: set[str] = set()
+    for one in left_open.findings:
+        if one.check not in among:
+            continue
+        seen = tuple(k for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject))
+        covered.update(seen)
+        found.append(_between(one, seen, left_open.pauses_s.get(one.check, 0.0), left_open.watched))
+    for key in sorted(findings):
+        finding = findings[key]
+        if finding.verdict is Verdict.INCONCLUSIVE and finding.check in among and key not in covered:
+            if finding.check in left_open.monitors:
+                found.append(_unwatched(key, finding, left_open))
+            else:
+                found.append(_undecided(key, finding, measures.get(finding.check, {})))
+    return found
+
+
+def _between(one: OpenFindings, seen: tuple[str, ...], pause_s: float, watched: Span | None) -> Variable:
+    spans = [span for cause in one.causes for span in cause.spans] or ([watched] if watched else [])
+    in_best, in_worst = _violations(one.best.values()), _violations(one.worst.values())
+    return Variable(
+        key=f"{one.check} of {one.subject}",
+        check=one.check,
+        subject=one.subject,
+        best=one.best,
+        worst={
+            key: _not_seen(f, "worst") if f.verdict is Verdict.VIOLATED else f for key, f in one.worst.items()
+        },
+        seen=seen,
+        causes=tuple(cause.text for cause in one.causes) or (f"{one.check} of {one.subject} was not seen",),
+        is_verdict=False,
+        tight=one.tight,
+        fewest=_joined(one) if in_best else 0,
+        # A violation that began outside the gaps began in the best world, too: there pauses are longest.
+        most=max(in_worst, in_best + _new_ones(spans, pause_s)) if in_worst else in_best,
+    )
+
+
+def _violations(findings: Iterable[Finding]) -> int:
+    return sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED)
+
+
+def _joined(one: OpenFindings) -> int:
+    """How many violations there are at least, however many of the best world are one in another.
+
+    Two of them can only be one where they lie in one violation of the worst world.
+    """
+    worst = [f.span for f in one.worst.values() if f.verdict is Verdict.VIOLATED]
+    best = [f.span for f in one.best.values() if f.verdict is Verdict.VIOLATED]
+    apart = {
+        next(
+            (n for n, w in enumerate(worst) if b and w and w.start_s <= b.start_s and b.end_s <= w.end_s), -1
+        )
+        for b in best
+    }
+    return max(1, len(apart))
+
+
+def _new_ones(spans: Sequence[Span], pause_s: float) -> float:
+    """How many violations can begin within gaps, with pauses of at least so long between them."""
+    if pause_s <= 0 or not spans:
+        return inf
+    return sum(1 + floor(span.duration_s / pause_s) for span in spans)
+
+
+def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
+    """An undecided stretch of a monitor that says nothing of it: never violated, or all the time."""
+    span = finding.span or left_open.watched
+    quantities = dict(finding.quantities)
+    if span:
+        quantities.update(dict.fromkeys(_ALL_IN, span.duration_s))
+    worst = replace(
+        _not_seen(finding, "worst"),
+        verdict=Verdict.VIOLATED,
+        span=span,
+        quantities=quantities,
+        critical=True,
+    )
+    return Variable(
+        key=key,
+        check=finding.check,
+        subject=finding.subject,
+        best={key: _satisfied(finding, dict.fromkeys(quantities, 0.0))},
+        worst={key: worst},
+        seen=(key,),
+        causes=(finding.message,),
+        is_verdict=False,
+        tight=False,
+        fewest=0,
+        most=max(1, _new_ones([span] if span else [], left_open.pauses_s.get(finding.check, 0.0))),
+    )
+
+
+def _undecided(key: str, finding: Finding, declared: Mapping[str, Measure]) -> Variable:
+    """One verdict that is open, with the quantities that go with it."""
+    limits = {
+        name: (finding.quantities[name],) * 2 if name in finding.quantities else _limits(one)
+        for name, one in declared.items()
+    }
+    at_best = {name: _finite(best, worst) for name, (best, worst) in limits.items()}
+    at_worst = {name: _finite(worst, best) for name, (best, worst) in limits.items()}
+    return Variable(
+        key=key,
+        check=finding.check,
+        subject=finding.subject,
+        best={key: _satisfied(finding, {**finding.quantities, **at_best})},
+        worst={
+            key: replace(
+                _not_seen(finding, "worst"),
+                verdict=Verdict.VIOLATED,
+                quantities={**finding.quantities, **at_worst},
+                units=_units(finding, at_worst, declared),
+            )
+        },
+        seen=(key,),
+        causes=(finding.message,),
+        is_verdict=True,
+        tight=True,
+        fewest=0,
+        most=1,
+        limits={**{name: (value, value) for name, value in finding.quantities.items()}, **limits},
+    )
+
+
+def _finite(one: float, other: float) -> float:
+    """A number that can stand in a finding, where the bound on that side is none."""
+    return next((number for number in (one, other) if abs(number) != inf), 0.0)
+
+
+def _limits(one: Measure) -> tuple[float, float]:
+    """The value of a quantity in the best and the worst world, as far as its check declares them.
+
+    Only a number that a check calls the best or the worst is an end: nothing earned is the reference of a
+    ledger for points, and not the best.
+    """
+    bottom = 0.0 if one.is_never_negative else -inf
+    best = one.best if one.best is not None else {"penalty": 0.0, "factor": 1.0, "points": inf}.get(one.role)
+    worst = one.worst if one.worst is not None else {"penalty": inf, "points": bottom}.get(one.role)
+    if best is None:
+        return (bottom, inf) if worst is None else (bottom if worst > bottom else inf, worst)
+    if worst is not None:
+        return best, worst
+    # On which side of the best the worst lies, nobody says.
+    return (best, inf) if best == bottom else (bottom, inf)
+
+
+def _units(finding: Finding, names: Iterable[str], declared: Mapping[str, Measure]) -> dict[str, str]:
+    return {**finding.units, **{name: declared[name].unit for name in names}}
+
+
+def _satisfied(finding: Finding, quantities: Mapping[str, float]) -> Finding:
+    return replace(_not_seen(finding, "best"), verdict=Verdict.SATISFIED, quantities=quantities)
+
+
+def _not_seen(finding: Finding, world: str) -> Finding:
+    return replace(finding, message=f"{NOT_SEEN[world]}: {finding.message}")

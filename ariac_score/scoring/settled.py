@@ -1,0 +1,204 @@
+"""The world that counts for a score, the interval around it, and what would narrow that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from math import inf, isfinite
+
+from ariac_score.checks.findings import Finding
+from ariac_score.errors import FormulaError
+from ariac_score.scoring.bounds import Bound, Worlds
+from ariac_score.scoring.expression import Number, Traced
+from ariac_score.scoring.interval import Narrowing, ScoreInterval
+from ariac_score.scoring.ledger import rounded
+
+__all__ = ["Settled", "interval_of", "settle"]
+
+MOST_CAUSES = 40
+"""Of more causes nobody asks how much each is worth."""
+_CLOSE = 1e-9
+"""Bounds are added up in another order than scores; what differs by so little is the same."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A formula in the world that counts, and how far other worlds are from it.
+
+    Attributes:
+        worlds: The formula in all worlds.
+        findings: Those of the world that counts.
+        traced: The formula there.
+        pins: Where each thing that is open is there; `True`: at its worst.
+        least: The least that the formula can be.
+        most: The most.
+        at_least: The value in the world of that end; `None` where that has none.
+        at_most: Likewise.
+        counts_least: Whether the least is what counts.
+    """
+
+    worlds: Worlds
+    findings: Mapping[str, Finding]
+    traced: Traced
+    pins: Mapping[str, bool]
+    least: Bound
+    most: Bound
+    at_least: Number | None
+    at_most: Number | None
+    counts_least: bool
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether both ends are numbers."""
+        return isfinite(self.least.value) and isfinite(self.most.value)
+
+    @property
+    def unbounded(self) -> str:
+        """What nothing bounds, in words."""
+        return next(
+            iter(self.worlds.unbounded),
+            "the formula of the score has no value in some of the possible worlds",
+        )
+
+    @property
+    def value(self) -> Number:
+        """The number that counts."""
+        end, at = (self.least, self.at_least) if self.counts_least else (self.most, self.at_most)
+        return at if at is not None and _are_close(at, end.value) else end.value
+
+    def ends(self, digits: int) -> tuple[Decimal, Decimal]:
+        """Least and most with so many digits."""
+        return (
+            _rounded_end(self.least.value, self.at_least, digits, ROUND_FLOOR),
+            _rounded_end(self.most.value, self.at_most, digits, ROUND_CEILING),
+        )
+
+    def amount(self, digits: int) -> Decimal:
+        """The score."""
+        return self.ends(digits)[0 if self.counts_least else 1]
+
+
+def _rounded_end(bound: float, attained: Number | None, digits: int, outward: str) -> Decimal:
+    """An end: rounded as a score where a world has it, else so that it stays a bound."""
+    if attained is not None and _are_close(attained, bound):
+        return rounded(attained, digits)
+    return Decimal(repr(float(bound))).quantize(Decimal(1).scaleb(-digits), rounding=outward) + Decimal(0)
+
+
+def _are_close(one: float, other: float) -> bool:
+    return abs(one - other) <= _CLOSE * (1 + abs(other))
+
+
+def settle(worlds: Worlds, *, counts: str) -> Settled:
+    """Find the ends of a formula, and the world that counts.
+
+    Args:
+        worlds: The formula in all worlds.
+        counts: `worst`, `best` or `withhold`.
+
+    Raises:
+        FormulaError: It has no value, whatever is open.
+    """
+    if not worlds.variables:
+        traced = _evaluated(worlds, worlds.findings)
+        end = Bound(float(traced.value), {}, True)
+        return Settled(worlds, worlds.findings, traced, {}, end, end, traced.value, traced.value, True)
+    least, most = worlds.end(least=True), worlds.end(least=False)
+    counts_least = counts != "best"
+    nowhere = Settled(
+        worlds, worlds.findings, Traced("", 0, "number"), {}, least, most, None, None, counts_least
+    )
+    if not nowhere.is_bounded:
+        return nowhere
+    low, high = worlds.world(least.pins, worst=True), worlds.world(most.pins, worst=False)
+    try:
+        at_least, at_most = _evaluated(worlds, low), _evaluated(worlds, high)
+    except FormulaError as error:
+        worlds.unbounded[error.cause] = None
+        return replace(nowhere, least=replace(least, value=-inf))
+    return Settled(
+        worlds,
+        low if counts_least else high,
+        at_least if counts_least else at_most,
+        (least if counts_least else most).pins,
+        least,
+        most,
+        at_least.value,
+        at_most.value,
+        counts_least,
+    )
+
+
+def _evaluated(worlds: Worlds, findings: Mapping[str, Finding]) -> Traced:
+    sheet = worlds.sheet
+    return sheet.value_of(worlds.formula, worlds.trial, findings, worlds.cohort)
+
+
+def interval_of(settled: Settled, digits: int, counts: str) -> ScoreInterval | None:
+    """The interval of a score; `None` where both ends are the same number.
+
+    Args:
+        settled: With both ends bounded.
+        digits: Decimal digits of the score.
+        counts: Which end is the score.
+    """
+    if not settled.is_bounded:
+        return None
+    least, most = settled.ends(digits)
+    if least == most:
+        return None
+    return ScoreInterval(least, most, _is_tight(settled), counts, _narrowing(settled, digits))
+
+
+def _is_tight(settled: Settled) -> bool:
+    """Whether a world that the log allows has each end, as far as is known."""
+    variables = settled.worlds.variables
+    for end, at in ((settled.least, settled.at_least), (settled.most, settled.at_most)):
+        moved = [one for one in variables if one.key in end.pins or _inner(one.key, end.pins)]
+        sides = {end.pins.get(one.key) for one in moved}
+        # Verdicts that have to be wrong and right at once may exclude each other.
+        if len(sides) > 1 or not all(one.tight for one in moved):
+            return False
+        if not end.is_reached or at is None or not _are_close(at, end.value):
+            return False
+    return True
+
+
+def _inner(key: str, pins: Mapping[str, bool]) -> list[str]:
+    return [name for name in pins if name.startswith(f"{key}#")]
+
+
+def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
+    """What would narrow the interval, most first."""
+    causes: dict[str, list[int]] = {}
+    for number, one in enumerate(settled.worlds.variables):
+        for cause in one.causes:
+            causes.setdefault(cause, []).append(number)
+    width = settled.most.value - settled.least.value
+    found = []
+    for cause, numbers in causes.items():
+        among = [settled.worlds.variables[number] for number in numbers]
+        by = None
+        if len(causes) <= MOST_CAUSES:
+            keys = [one.key for one in among]
+            by = max(0.0, width - min(_width(settled, keys, worst=worst) for worst in (True, False)))
+        if by is None or by > _CLOSE * (1 + width):
+            found.append(
+                Narrowing(
+                    cause,
+                    tuple(sorted({one.check for one in among})),
+                    tuple(dict.fromkeys(key for one in among for key in one.seen)),
+                    None if by is None else _rounded_end(by, None, digits, ROUND_CEILING),
+                )
+            )
+    return tuple(sorted(found, key=lambda one: (-(one.at_most or Decimal(0)), one.cause)))
+
+
+def _width(settled: Settled, keys: list[str], *, worst: bool) -> float:
+    """How long the interval is where some of what is open is decided."""
+    both = {**settled.least.pins, **settled.most.pins}
+    pins = {name: worst for name in both if name.partition("#")[0] in keys}
+    pins.update(dict.fromkeys(keys, worst))
+    ends = [settled.worlds.end(least=least, pins=pins).value for least in (False, True)]
+    return ends[0] - ends[1]
