@@ -11,13 +11,19 @@ from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import is_quiet
+from ariac_score.report.openness import open_sentence
 from ariac_score.review.readiness import Readiness, check_log
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_UNDECIDED = 6
-_LABELS = {"withholds": ("missing", "red"), "costs": ("costs", "yellow"), "nothing": ("unpriced", "dim")}
+_LABELS = {
+    "withholds": ("missing", "red"),
+    "opens": ("open", "red"),
+    "costs": ("costs", "yellow"),
+    "nothing": ("unpriced", "dim"),
+}
 
 
 def register(commands: Any) -> None:
@@ -62,6 +68,9 @@ def _lines(found: Readiness, name: str, style: Style) -> Iterator[str]:
     under = f"under {found.result.provenance.rule_set.id}"
     if found.ready:
         yield style(plain(name), "bold") + style(f" can be scored {under}", "green")
+    elif found.result.interval is not None and found.result.status == "scored":
+        yield style(plain(name), "bold") + style(f" leaves its score open {under}", "red")
+        yield f"  {'score':<9}{open_sentence(found.result).removeprefix('the score lies ')}"
     else:
         yield style(plain(name), "bold") + style(f" cannot be scored {under}", "red")
     for topics in found.missing:

@@ -12,6 +12,7 @@ from ariac_score.checks.findings import Verdict
 from ariac_score.engine.ask import ONLY_OFFICIAL
 from ariac_score.errors import UsageError, did_you_mean
 from ariac_score.report.exports import export_names, exported
+from ariac_score.report.openness import narrowing_text, open_sentence
 from ariac_score.report.text import score_text
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
@@ -62,13 +63,13 @@ def _criterion(text: str) -> str:
 
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
-    """Print or write a result, and on stderr what withholds its score and which criteria fail."""
+    """Print or write a result, and on stderr what its log leaves open and which criteria fail."""
     failed = failed_criteria(result, arguments.fail_on)
     write(_shown(result, arguments), arguments.output)
     for criterion in failed:
         print(f"failed: {criterion}", file=sys.stderr)
-    if result.final is None:
-        _print_what_withholds(result)
+    if result.final is None or result.is_open:
+        _print_what_is_open(result)
         return EXIT_UNDECIDED
     return EXIT_CRITERION if failed else 0
 
@@ -81,7 +82,7 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
     return exported(result, arguments.output_format)
 
 
-def _print_what_withholds(result: Result) -> None:
+def _print_what_is_open(result: Result) -> None:
     withheld: dict[str, list[str]] = {}
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
@@ -94,7 +95,11 @@ def _print_what_withholds(result: Result) -> None:
         if others:
             names = " or ".join(others)
             print(f"hint: {names} takes what the official text prints: --rules {others[0]}", file=sys.stderr)
-    for what in result.measured.unrecorded if withheld else ():
+    if result.interval is not None and not withheld:
+        print(f"undecided: {open_sentence(result)}", file=sys.stderr)
+        for cause in result.interval.narrowing[:MOST_NAMED]:
+            print(f"undecided: {plain(narrowing_text(cause))}", file=sys.stderr)
+    for what in result.measured.unrecorded if result.is_open else ():
         print(f"not recorded: {plain(what)}", file=sys.stderr)
     if result.missing:
         print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)

@@ -364,7 +364,19 @@ class Result:
     @property
     def is_open(self) -> bool:
         """Whether the log leaves the score open: there is none, or others are possible as well."""
-        return self.interval is not None or self.status == "incomplete"
+        if self.interval is None and self.status != "incomplete":
+            return False
+        if self.adjusted is None:
+            return True
+        decisions = self.adjusted.adjustments
+        if any(one.score is not None or one.disqualified for one in decisions):
+            return False
+        decided = {one.finding for one in decisions}
+        return any(
+            one.finding not in decided
+            for one in self.assumptions
+            if one.policy in ("worst", "best", "withhold")
+        )
 
     @property
     def is_former(self) -> bool:

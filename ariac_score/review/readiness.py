@@ -34,7 +34,8 @@ class Lack:
 
     Attributes:
         what: The check, or `score` for what no record of the trial states.
-        effect: `withholds` the score; `costs` points or the whole score by the rules;
+        effect: `withholds` the score; `opens` it, so that it lies between two numbers; `costs` points or
+            the whole score by the rules;
             `nothing`, because the score does not depend on it.
         cause: Why it is undecided.
         remedy: What it needs, and which recorded topics are for it; empty where nothing is known to help.
@@ -66,8 +67,8 @@ class Readiness:
 
     @property
     def ready(self) -> bool:
-        """Whether it can be scored; where scores compare teams, by whoever has all logs."""
-        return all(lack.effect != "withholds" for lack in self.lacks)
+        """Whether its score is one number; where scores compare teams, for whoever has all logs."""
+        return all(lack.effect not in ("withholds", "opens") for lack in self.lacks)
 
     @property
     def missing(self) -> list[MissingTopics]:
@@ -118,7 +119,9 @@ def _unmapped(prepared: Prepared, recorded: frozenset[str]) -> Iterator[str]:
         )
 
 
-_ORDER = ("withholds", "costs", "nothing")
+_ORDER = ("withholds", "opens", "costs", "nothing")
+_EFFECTS = {"withhold": "withholds", "worst": "opens", "best": "opens"}
+"""By what was made of something undecided."""
 
 
 def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iterator[Lack]:
@@ -133,7 +136,9 @@ def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iter
                 spans.setdefault(finding.check, []).append(finding.span)
     for check, cause in causes.items():
         policy = policies.get(check)
-        effect = "nothing" if policy is None else "withholds" if policy == "withhold" else "costs"
+        effect = "nothing" if policy is None else _EFFECTS.get(policy, "costs")
+        if effect == "opens" and result.interval is None:
+            effect = "nothing"  # it is the same score in every world
         words = cause + _and_others(spans.get(check, []))
         topics = tuple(missing_topics(check, prepared, recorded))
         yield Lack(check, effect, words, _remedy(check, prepared, recorded), topics)

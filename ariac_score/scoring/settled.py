@@ -176,6 +176,7 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
         for cause in one.causes:
             causes.setdefault(cause, []).append(number)
     width = settled.most.value - settled.least.value
+    least, most = settled.ends(digits)
     found = []
     for cause, numbers in causes.items():
         among = [settled.worlds.variables[number] for number in numbers]
@@ -189,7 +190,7 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
                     cause,
                     tuple(sorted({one.check for one in among})),
                     tuple(dict.fromkeys(key for one in among for key in one.seen)),
-                    None if by is None else _rounded_end(by, None, digits, ROUND_CEILING),
+                    None if by is None else min(most - least, _rounded_end(by, None, digits, ROUND_CEILING)),
                 )
             )
     return tuple(sorted(found, key=lambda one: (-(one.at_most or Decimal(0)), one.cause)))
