@@ -55,7 +55,13 @@ _LITTLE = 0.2
 """An example that leaves less of what the work is worth shows nothing."""
 
 _DIFF = "DIFF"
+_OPEN = {
+    "worst": "The least score that is possible counts; what would be possible at best is shown beside it.",
+    "best": "The greatest score that is possible counts; what would be possible at worst is shown beside it.",
+    "withhold": "There is no score unless it is the same whatever happened; least and greatest are shown.",
+}
 _UNSEEN = {
+    "open": "",
     "withhold": "There is no score until it is known.",
     "zero": "The trial scores 0.",
     "worst_case": "It counts as a critical violation, at full depth for all of the time that was not seen.",
@@ -526,7 +532,10 @@ class _Book:
     def unseen(self) -> Section:
         priced = [c for c in self.rules.checks.values() if c.name in self.rules.sheet.priced]
         rows = tuple(
-            (words, _listed([c.name for c in priced if c.on_inconclusive == policy]))
+            (
+                words or _OPEN[self.rules.counts],
+                _listed([c.name for c in priced if c.on_inconclusive == policy]),
+            )
             for policy, words in _UNSEEN.items()
             if any(c.on_inconclusive == policy for c in priced)
         )
