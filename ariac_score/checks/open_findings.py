@@ -13,7 +13,7 @@ from ariac_score.checks.findings import Finding, canonical_span, settled
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.spans import Span
 
-__all__ = ["Cause", "OpenFindings", "Worlds", "renamed", "settled_open"]
+__all__ = ["Cause", "OpenFindings", "Worlds", "settled_open"]
 
 
 @dataclass(frozen=True)
@@ -104,18 +104,3 @@ def settled_open(one: OpenFindings) -> OpenFindings:
         worst={key: settled(finding) for key, finding in one.worst.items()},
         causes=tuple(replace(c, spans=tuple(map(canonical_span, c.spans))) for c in one.causes),
     )
-
-
-def renamed(one: OpenFindings, check: str) -> OpenFindings:
-    """The same under the name that another rule set gives the check."""
-    if one.check == check:
-        return one
-    worlds = (
-        {
-            f"{check}{key.removeprefix(one.check)}": replace(finding, check=check)
-            for key, finding in world.items()
-        }
-        for world in (one.best, one.worst)
-    )
-    best, worst = worlds
-    return replace(one, check=check, best=best, worst=worst)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ariac_score.checks.findings import Finding
-from ariac_score.checks.open_findings import OpenFindings, renamed
+from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.given import refuse_other
 from ariac_score.engine.measure import stored_findings, stored_name
 from ariac_score.engine.prepared import Rules, rule_set_of
@@ -154,7 +154,7 @@ def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None)
             settings[check.name] = known[stored]
         if stored in result.measured.measures:
             measures[check.name] = result.measured.measures[stored]
-        open_ += [renamed(one, check.name) for one in result.measured.open if one.check == stored]
+        open_ += [one.renamed(check.name) for one in result.measured.open if one.check == stored]
     # The engine that prices may be another version than the one that measured; both are named.
     code = tuple(sorted({Code(*engine_code()), *result.provenance.code}))
     pinned = Pinned(rule_set.id, rule_set.sha256)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import floor, inf
+from math import ceil, inf
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
@@ -127,7 +127,7 @@ def _between(one: OpenFindings, seen: tuple[str, ...], pause_s: float, watched: 
         tight=one.tight,
         fewest=_joined(one) if in_best else 0,
         # A violation that began outside the gaps began in the best world, too: there pauses are longest.
-        most=max(in_worst, in_best + _new_ones(spans, pause_s)) if in_worst else in_best,
+        most=max(in_worst, in_best + _new_ones(spans, pause_s, _violated(one.worst.values()))),
     )
 
 
@@ -151,11 +151,42 @@ def _joined(one: OpenFindings) -> int:
     return max(1, len(apart))
 
 
-def _new_ones(spans: Sequence[Span], pause_s: float) -> float:
-    """How many violations can begin within gaps, with pauses of at least so long between them."""
-    if pause_s <= 0 or not spans:
+def _violated(findings: Iterable[Finding]) -> list[Span] | None:
+    """When there were violations; `None` where one of them has no time."""
+    spans = [finding.span for finding in findings if finding.verdict is Verdict.VIOLATED]
+    return None if None in spans else [span for span in spans if span]
+
+
+def _new_ones(gaps: Sequence[Span], pause_s: float, possible: Sequence[Span] | None = None) -> float:
+    """How many violations can begin within gaps, with pauses of at least so long between them.
+
+    What begins at an end of a gap was seen there. Within it, each begins later than a pause after the one
+    before, and only where the worst world is violated.
+    """
+    if possible is not None and not possible:
+        return 0
+    if pause_s <= 0 or not gaps:
         return inf
-    return sum(1 + floor(span.duration_s / pause_s) for span in spans)
+    return sum(
+        min(
+            _starts(gap.duration_s, pause_s),
+            inf if possible is None else sum(_starts(s, pause_s) for s in _shared(gap, possible)),
+        )
+        for gap in gaps
+    )
+
+
+def _shared(gap: Span, spans: Sequence[Span]) -> list[float]:
+    """How long each of some spans lies within a gap, s."""
+    return [
+        min(gap.end_s, span.end_s) - max(gap.start_s, span.start_s)
+        for span in spans
+        if (span.start_s < gap.end_s and gap.start_s < span.end_s) or gap.start_s < span.start_s < gap.end_s
+    ]
+
+
+def _starts(length_s: float, pause_s: float) -> int:
+    return max(1, ceil(length_s / pause_s - 1e-9))
 
 
 def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:

@@ -70,7 +70,8 @@ def undecided(tmp_path: Path) -> Result:
     kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
     rules = tmp_path / "withholding.yaml"
     rules.write_text(
-        "{id: withholding, title: paper2020, source: test, extends: paper2020, log_map: ariac2020, open: withhold}",
+        "{id: withholding, title: paper2020, source: test, extends: paper2020, "
+        "log_map: ariac2020, open: withhold}",
         encoding="utf-8",
     )
     return score_trial(write_trial_log(log, kitting_trial(), signals=kept), rules)
