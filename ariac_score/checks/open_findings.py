@@ -54,7 +54,8 @@ class Worlds:
 class OpenFindings:
     """What a check finds about a subject in the two extreme worlds that the log allows.
 
-    In either world they replace everything that the check found about the subject.
+    In either world they replace everything that the check found about the subject. The best world has the
+    fewest violations that may have been, and the least time and depth; the worst has the most of each.
 
     Attributes:
         check: Its name.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil, inf
 
@@ -99,7 +99,7 @@ def variables_of(
             continue
         seen = tuple(k for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject))
         covered.update(seen)
-        found.append(_between(one, seen, left_open.pauses_s.get(one.check, 0.0), left_open.watched))
+        found.append(_between(one, seen))
     for key in sorted(findings):
         finding = findings[key]
         if finding.verdict is Verdict.INCONCLUSIVE and finding.check in among and key not in covered:
@@ -110,8 +110,7 @@ def variables_of(
     return found
 
 
-def _between(one: OpenFindings, seen: tuple[str, ...], pause_s: float, watched: Span | None) -> Variable:
-    spans = [span for cause in one.causes for span in cause.spans] or ([watched] if watched else [])
+def _between(one: OpenFindings, seen: tuple[str, ...]) -> Variable:
     in_best, in_worst = _violations(one.best.values()), _violations(one.worst.values())
     return Variable(
         key=f"{one.check} of {one.subject}",
@@ -125,9 +124,8 @@ def _between(one: OpenFindings, seen: tuple[str, ...], pause_s: float, watched: 
         causes=tuple(cause.text for cause in one.causes) or (f"{one.check} of {one.subject} was not seen",),
         is_verdict=False,
         tight=one.tight,
-        fewest=_joined(one) if in_best else 0,
-        # A violation that began outside the gaps began in the best world, too: there pauses are longest.
-        most=max(in_worst, in_best + _new_ones(spans, pause_s, _violated(one.worst.values()))),
+        fewest=min(in_best, in_worst),
+        most=max(in_best, in_worst),
     )
 
 
@@ -135,58 +133,11 @@ def _violations(findings: Iterable[Finding]) -> int:
     return sum(1 for finding in findings if finding.verdict is Verdict.VIOLATED)
 
 
-def _joined(one: OpenFindings) -> int:
-    """How many violations there are at least, however many of the best world are one in another.
-
-    Two of them can only be one where they lie in one violation of the worst world.
-    """
-    worst = [f.span for f in one.worst.values() if f.verdict is Verdict.VIOLATED]
-    best = [f.span for f in one.best.values() if f.verdict is Verdict.VIOLATED]
-    apart = {
-        next(
-            (n for n, w in enumerate(worst) if b and w and w.start_s <= b.start_s and b.end_s <= w.end_s), -1
-        )
-        for b in best
-    }
-    return max(1, len(apart))
-
-
-def _violated(findings: Iterable[Finding]) -> list[Span] | None:
-    """When there were violations; `None` where one of them has no time."""
-    spans = [finding.span for finding in findings if finding.verdict is Verdict.VIOLATED]
-    return None if None in spans else [span for span in spans if span]
-
-
-def _new_ones(gaps: Sequence[Span], pause_s: float, possible: Sequence[Span] | None = None) -> float:
-    """How many violations can begin within gaps, with pauses of at least so long between them.
-
-    What begins at an end of a gap was seen there. Within it, each begins later than a pause after the one
-    before, and only where the worst world is violated.
-    """
-    if possible is not None and not possible:
-        return 0
-    if pause_s <= 0 or not gaps:
+def _new_ones(span: Span | None, pause_s: float) -> float:
+    """How many violations can begin in a stretch, with pauses of at least so long between them."""
+    if pause_s <= 0 or span is None:
         return inf
-    return sum(
-        min(
-            _starts(gap.duration_s, pause_s),
-            inf if possible is None else sum(_starts(s, pause_s) for s in _shared(gap, possible)),
-        )
-        for gap in gaps
-    )
-
-
-def _shared(gap: Span, spans: Sequence[Span]) -> list[float]:
-    """How long each of some spans lies within a gap, s."""
-    return [
-        min(gap.end_s, span.end_s) - max(gap.start_s, span.start_s)
-        for span in spans
-        if (span.start_s < gap.end_s and gap.start_s < span.end_s) or gap.start_s < span.start_s < gap.end_s
-    ]
-
-
-def _starts(length_s: float, pause_s: float) -> int:
-    return max(1, ceil(length_s / pause_s - 1e-9))
+    return max(1, ceil(span.duration_s / pause_s - 1e-9))
 
 
 def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
@@ -213,7 +164,7 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
         is_verdict=False,
         tight=False,
         fewest=0,
-        most=max(1, _new_ones([span] if span else [], left_open.pauses_s.get(finding.check, 0.0))),
+        most=_new_ones(span, left_open.pauses_s.get(finding.check, 0.0)),
     )
 
 

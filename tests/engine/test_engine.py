@@ -210,30 +210,42 @@ def test_old_findings_are_priced_again_without_their_log(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", SNAPSHOT_SIGNALS)
-def test_a_deleted_signal_of_the_human_withholds_the_score(name: str) -> None:
+def test_a_deleted_signal_of_the_human_leaves_the_score_open(name: str) -> None:
     result = priced(without(TRIAL, name))
 
-    assert (result.status, result.score, result.ledger) == ("incomplete", None, None)
+    assert result.interval is not None
+    assert result.score == result.interval.least <= SCORE
+    assert float(result.interval.most) >= SCORE
     assert "separation" in {assumption.check for assumption in result.assumptions}
     assert any(name in assumption.message for assumption in result.assumptions)
 
 
-def test_a_trial_recorded_without_the_human_withholds_the_score() -> None:
-    assert priced(kitting_trial(human=False)).status == "incomplete"
+def test_a_trial_recorded_without_the_human_lies_between_a_contact_and_no_violation() -> None:
+    # 28 points of the task; had the human been touched, nothing of them is left.
+    interval = priced(kitting_trial(human=False)).interval
+
+    assert interval is not None
+    assert (interval.least, interval.most, interval.tight) == (0, 28, False)
 
 
-def test_a_withheld_result_has_no_score_in_its_json_either() -> None:
-    data = json.loads(as_json(priced(kitting_trial(human=False))))
+def test_a_withheld_result_has_no_score_in_its_json_either(tmp_path: Path) -> None:
+    rules = paper_with(tmp_path, separation="withhold")
+    data = json.loads(as_json(priced(kitting_trial(human=False), rules)))
 
     assert (data["status"], data["score"], data["ledger"]) == ("incomplete", None, None)
+    assert (data["interval"]["counts"], data["interval"]["most"]) == ("withhold", 28)
     assert data["assumptions"]
 
 
 @pytest.mark.parametrize("witness", ["submissions", "arm_collision"])
-def test_a_log_that_promises_less_withholds_the_score(witness: str) -> None:
-    trial = replace(TRIAL, submissions=(), witnessed=TRIAL.witnessed - {witness})
+def test_a_log_that_promises_less_leaves_the_score_open(witness: str) -> None:
+    seen = () if witness == "submissions" else TRIAL.submissions
+    trial = replace(TRIAL, submissions=seen, witnessed=TRIAL.witnessed - {witness})
 
-    assert priced(trial).status == "incomplete"
+    result = priced(trial)
+    assert result.is_open
+    assert result.score is not None
+    assert result.score <= priced(TRIAL).score
 
 
 @given(st.sets(st.sampled_from([*SNAPSHOT_SIGNALS, "position/human", "position/robot"]), min_size=1))
@@ -297,7 +309,7 @@ def test_a_rule_set_may_say_what_an_undecided_check_counts_as(
 
 
 def test_one_withheld_check_withholds_the_score_whatever_the_others_say(tmp_path: Path) -> None:
-    rules = paper_with(tmp_path, separation="zero")
+    rules = paper_with(tmp_path, separation="zero", human_contact="withhold")
 
     result = priced(BLIND, rules)
 
@@ -644,7 +656,7 @@ def test_a_missing_signal_is_undecided_and_no_fault_of_the_plugin(play: Played) 
 
     (finding,) = result.measured.findings.values()
     assert (finding.subject, finding.verdict) == ("force/robot", Verdict.INCONCLUSIVE)
-    assert result.status == "incomplete"
+    assert result.is_open
 
 
 def test_what_was_said_before_a_signal_was_missed_stands(play: Played) -> None:

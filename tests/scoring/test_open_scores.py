@@ -170,32 +170,29 @@ def test_declared_quantities_bound_what_is_undecided() -> None:
 # Episodes (methods, 4.6) ---------------------------------------------------------------
 
 
-def test_violations_that_are_joined_do_not_hide_that_more_were_possible() -> None:
-    # Two in the best world; all the gap in the worst, which makes one of them. Within 3 s, with pauses
-    # of 1 s, at most 3 more can begin.
-    best = {**near(9.0, 10.0, "best1"), **near(13.0, 14.0, "best2")}
-    open_ = gap(best, near(9.0, 14.0, "worst1"), Span(10.0, 13.0))
-    left = LeftOpen((open_,), pauses_s={"near": 1.0})
+def test_a_worst_world_with_more_violations_costs_more_however_they_are_priced() -> None:
+    # Two in the best world that may be one; in the worst all the gap, within which one may have begun twice.
+    best = near(9.0, 11.0, "best1")
+    touches = {**near(11.0, 11.0, "worst2"), **near(12.0, 12.0, "worst3")}
+    left = LeftOpen((gap(best, {**near(9.0, 14.0, "worst1"), **touches}, Span(10.0, 13.0)),))
 
-    assert ends(priced("-count(near)", {}, left_open=left)) == (Decimal(-5), Decimal(-1))
+    assert ends(priced("-count(near)", {}, left_open=left)) == (Decimal(-3), Decimal(-1))
     assert ends(priced("-seconds(near)", {}, left_open=left)) == (Decimal(-5), Decimal(-2))
-    assert priced("-count(near)", {}, left_open=LeftOpen((open_,))).status == "incomplete"
-    assert ends(priced("12 * product(near, p=0.5)", {}, left_open=LeftOpen((open_,)))) == (
-        Decimal(0),
-        Decimal(6),
-    )
+    assert ends(priced("-demerits(near)", {}, left_open=left)) == (Decimal(-4), Decimal("-1.4"))
+    assert ends(priced("12 * product(near, p=0.5)", {}, left_open=left)) == (Decimal("1.5"), Decimal(6))
 
 
 def test_a_bound_that_no_single_world_has_is_a_line_of_its_own_and_not_called_tight() -> None:
-    best = {**near(9.0, 10.0, "best1"), **near(13.0, 14.0, "best2")}
-    left = LeftOpen((gap(best, near(9.0, 14.0, "worst1"), Span(10.0, 13.0)),), pauses_s={"near": 1.0})
-    one = priced("20 - count(near)", {}, left_open=left)
+    # Again every 2 s: two of 3.9 s are 2 x 2, and all of it in one 1 + 3; nobody knows which it was.
+    worst = {**near(9.0, 12.9, "worst1"), **near(14.0, 17.9, "worst2")}
+    left = LeftOpen((gap(CLEAR, worst, Span(9.0, 18.0)),))
+    one = priced("20 - occurrences(near, every_s=2)", {}, left_open=left)
 
     assert one.interval is not None
     assert not one.interval.tight
     assert one.ledger is not None
-    assert one.ledger.amount == one.interval.least
-    assert [line.amount for line in one.ledger.children if line.path.endswith("/bound")] == [Decimal(-4)]
+    assert one.ledger.amount == one.interval.least == 20 - (2 + 3)
+    assert [line.amount for line in one.ledger.children if line.path.endswith("/bound")] == [Decimal(-1)]
 
 
 # What would narrow it ------------------------------------------------------------------
@@ -310,7 +307,10 @@ def test_what_is_not_known_never_scores_above_what_is(formula: str, seen: Mappin
 def test_no_violations_within_a_gap_cost_more_than_the_worst_or_less_than_the_best(function: str) -> None:
     # A gap of 6 s between two violations that were seen; any stretches within it may have been others.
     best = {**near(9.0, 10.0, "best1"), **near(16.0, 17.5, "best2")}
-    left = LeftOpen((gap(best, near(9.0, 17.5, "worst1"), Span(10.0, 16.0)),), pauses_s={"near": 1.0})
+    joined = replace(best["near#best1"], quantities=dict.fromkeys(best["near#best1"].quantities, 2.5))
+    touches = {k: f for n in range(6) for k, f in near(10.0 + n, 10.0 + n, f"worst{n + 2}").items()}
+    open_ = gap({"near#best1": joined}, {**near(9.0, 17.5, "worst1"), **touches}, Span(10.0, 16.0))
+    left = LeftOpen((open_,))
     interval = ends(priced(f"-{function}", {}, left_open=left))
     assert interval is not None
 
