@@ -208,6 +208,9 @@ class ContradictionError(LogError):
         first: A file with whose it is, and what it says.
         second: The other one.
         file: The trial.
+
+    >>> str(ContradictionError("colour", ("'trial.yaml'", "red"), ("'run.mcap'", "blue")))
+    "colour: 'trial.yaml' says red, 'run.mcap' says blue"
     """
 
     def __init__(

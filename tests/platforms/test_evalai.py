@@ -444,11 +444,22 @@ def zipped(**members: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("brought", "alone"),
-    [({}, True), ({}, False), ({"mine.yaml": trial_config("gear_part_green")}, False)],
+    ("brought", "alone", "found"),
+    [
+        ({}, True, (SCORE, 0)),
+        ({}, False, (SCORE, 0)),
+        ({"mine.yaml": ORGANISERS}, False, (SCORE, 0)),
+        ({"mine.yaml": trial_config("gear_part_green")}, False, (-1e6, 2)),  # refused: it says something else
+    ],
 )
 def test_the_configuration_of_the_organiser_counts_whatever_a_submission_brings(
-    platform: Platform, phase: Phase, tmp_path: Path, log_text: str, brought: dict[str, str], alone: bool
+    platform: Platform,
+    phase: Phase,
+    tmp_path: Path,
+    log_text: str,
+    brought: dict[str, str],
+    alone: bool,
+    found: tuple[float, int],
 ) -> None:
     (phase.folder / "trial.yaml").write_text(ORGANISERS, encoding="utf-8")
     text = phase_text("finals", phase.setting, {"kit": "trial.yaml"})
@@ -462,7 +473,7 @@ def test_the_configuration_of_the_organiser_counts_whatever_a_submission_brings(
     worker(platform, load_phase(phase.folder), tmp_path)[0].once()
 
     (row,) = json.loads(platform.taken[0]["result"])
-    assert (row["accuracies"]["final"], row["accuracies"]["status_code"]) == (SCORE, 0)
+    assert (row["accuracies"]["final"], row["accuracies"]["status_code"]) == found
 
 
 def test_the_answer_is_for_the_split_that_the_platform_knows(
