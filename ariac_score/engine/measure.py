@@ -261,7 +261,8 @@ def _coverage(signal: Signal | Series, window: Span | None) -> Coverage:
     span = signal.span
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
     largest_gap_s = longest_silence_s(distinct(signal.t), window) if window else 0.0
-    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
+    jitter_s = signal.stamp_jitter_s if isinstance(signal, Signal) else 0.0
+    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source, jitter_s)
 
 
 def decidable(trial: Trial, prepared: Prepared) -> list[tuple[str, str]]:

@@ -209,6 +209,10 @@ class Unseen:
             self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
         return self._streams[signal.name]
 
+    def _error_s(self, stream: Stream) -> float:
+        """By how much the stamps of a stream may be wrong, s: times of arrival jitter."""
+        return max(self.assumed.time_error_s, stream.signal.stamp_jitter_s)
+
     def _recorded(self, signal: Signal) -> list[Signal]:
         if not isinstance(signal, Computed):
             return [signal]
@@ -251,7 +255,7 @@ class Unseen:
         quantity, motion = quantity_of(signal.name), self.motion(signal.name)
         if motion is None or not len(signal):
             return None
-        sides = [_Sides.of(stream, cells, self.assumed.time_error_s) for stream in self.streams(signal)]
+        sides = [_Sides.of(stream, cells, self._error_s(stream)) for stream in self.streams(signal)]
         is_open = np.any([one.open for one in sides], axis=0)
         total = sum(one.max_speed_m_s for one in motion)
         if quantity in DISTANCES:
@@ -320,7 +324,8 @@ class Unseen:
             position = self.trial.signals.get(f"position/{point}")
             if position is None or motion is None or not len(position):
                 return None
-            sides = _Sides.of(self._stream(position), cells, self.assumed.time_error_s)
+            stream = self._stream(position)
+            sides = _Sides.of(stream, cells, self._error_s(stream))
             values = position.values[:, :components]
             before, after = sides.values(values)
             held = position.at(cells.t)[:, :components]

@@ -450,7 +450,7 @@ def _causes(
     sources: dict[str, list[FloatArray]] = {}
     for stream in opened:
         sources.setdefault(stream.signal.source or stream.signal.name, []).append(stream.edges(window))
-    found = []
+    found, late = [], _late(opened)
     for source, several in sorted(sources.items()):
         # Signals of one message have the same intervals.
         starts, ends = np.unique(np.concatenate(several, axis=1), axis=1)
@@ -463,7 +463,8 @@ def _causes(
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             lengths = 1000.0 * (ends - starts)[kept]
             stored = spans if len(spans) <= MOST_SPANS else _merged(spans)[:MOST_SPANS]
-            found.append(Cause(f"{_gaps(lengths.tolist())} on {source}", source, tuple(stored)))
+            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}"
+            found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
 
 
@@ -473,6 +474,19 @@ def _causes_of(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, 
     lengths = [1000.0 * span.duration_s for span in spans]
     source = sources[0] if len(sources) == 1 else ""
     return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans[:MOST_SPANS])),)
+
+
+def _late(opened: Sequence[Stream]) -> dict[str, str]:
+    """Of sources that nobody stamped, how late their messages came: bounds are as much wider."""
+    found: dict[str, float] = {}
+    for stream in opened:
+        source = stream.signal.source or stream.signal.name
+        found[source] = max(found.get(source, 0.0), stream.signal.stamp_jitter_s)
+    return {
+        source: f", stamped on arrival up to {1000.0 * late_s:.0f} ms late"
+        for source, late_s in found.items()
+        if late_s >= 0.0005
+    }
 
 
 def _gaps(lengths_ms: Sequence[float]) -> str:

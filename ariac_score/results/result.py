@@ -90,6 +90,8 @@ class Coverage:
         rate_hz: Mean rate, Hz; 0 with fewer than two samples.
         largest_gap_s: Longest stretch without a sample, the ends included, s.
         source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
+        stamp_jitter_s: By how much its stamps are late against each other, s; left out where it is 0, as if
+            senders stamped it. Bounds of what was not seen are wider by it.
     """
 
     signal: str
@@ -97,6 +99,10 @@ class Coverage:
     rate_hz: float
     largest_gap_s: float
     source: str = ""
+    stamp_jitter_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        leave_out_empty(self, "stamp_jitter_s")
 
 
 class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -204,7 +210,12 @@ class Measured:
             "watched": None if self.watched is None else canonical_span(self.watched),
             "orders": {key: None if t_s is None else canonical(t_s) for key, t_s in self.orders.items()},
             "coverage": tuple(
-                replace(c, rate_hz=canonical(c.rate_hz), largest_gap_s=canonical(c.largest_gap_s))
+                replace(
+                    c,
+                    rate_hz=canonical(c.rate_hz),
+                    largest_gap_s=canonical(c.largest_gap_s),
+                    stamp_jitter_s=canonical(c.stamp_jitter_s),
+                )
                 for c in self.coverage
             ),
             "measures": {

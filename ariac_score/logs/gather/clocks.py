@@ -194,6 +194,11 @@ class Clocks:
         found.plain += count
         found.declared = declared
 
+    def by_arrival(self, topic: str) -> bool:
+        """Whether some messages of a topic are placed at their time of recording."""
+        found = self._topics.get(topic, _Topic())
+        return found.plain + found.unset > 0
+
     def tick(self, log_ns: IntArray, simulated_ns: IntArray) -> None:
         """Take messages of `/clock`: when they were recorded, and the simulated times they give, ns."""
         # A recorder on simulated time stamps them with the time they give: a thousand a second, all needless.

@@ -20,6 +20,7 @@ from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message, normalised_type
+from ariac_score.logs.gather.arrival import arrival_jitter_s
 from ariac_score.logs.gather.clock_witnesses import WITNESSES, ClockWitnesses
 from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.gather.collected_columns import (
@@ -337,6 +338,7 @@ class Collector:
         received: set[str] = set()
         numbered = not self._numbering.of_recorder
         for intake in self._intakes:
+            intake.by_arrival = self._clocks.by_arrival(clock_key(intake.channel))
             intake.settle(builder, origin_ns, self._wanted, numbered=numbered)
             if intake.received:
                 received |= intake.bodies()
@@ -460,6 +462,7 @@ class _Intake:
     def __init__(self, channel: Channel, wanted: Wanted) -> None:
         self.channel = channel
         self.received = 0
+        self.by_arrival = False
         self.sent, self.unknown = TopicNumbering(), Unknown()
         self.untyped: dict[str, str] = {}
         self.undecodable: list[str] = []
@@ -609,9 +612,16 @@ class _Intake:
                 if self.channel.as_consumed:
                     builder.add_series(signal, unit, t, values, source=self.channel.topic)
                     continue
-                holes, contested = self.unknown.holes, self.unknown.contested
-                source = self.channel.topic
-                builder.add_signal(signal, unit, t, values, source=source, holes=holes, contested=contested)
+                builder.add_signal(
+                    signal,
+                    unit,
+                    t,
+                    values,
+                    source=self.channel.topic,
+                    holes=self.unknown.holes,
+                    contested=self.unknown.contested,
+                    stamp_jitter_s=arrival_jitter_s(np.sort(t)) if self.by_arrival else 0.0,
+                )
 
     def bodies(self) -> frozenset[str]:
         """The bodies that the signals of this channel are about."""

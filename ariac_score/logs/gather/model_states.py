@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.logs.containers.items import IntArray
+from ariac_score.logs.gather.arrival import arrival_jitter_s
 from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.logs.gather.numbering import Unknown
 from ariac_score.logs.gather.transforms import Retimed, times_s
@@ -131,6 +132,7 @@ class ModelPoses:
                 builder.add_body(track.body)
                 subject = "::".join((track.body.id, *track.body.links))
                 t = times_s(track.stamps_ns, origin_ns)
+                given["stamp_jitter_s"] = arrival_jitter_s(np.sort(t))
                 rows = np.frombuffer(track.rows, dtype=np.float64).reshape(-1, 6)
                 builder.add_signal(f"position/{subject}", "m", t, rows[:, :3], **given)
                 builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:], **given)
