@@ -20,7 +20,7 @@ from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal, align
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans, with_holes
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
 
 __all__ = [
     "ENVIRONMENT",
@@ -244,8 +244,8 @@ def watched_signals(
         inside = slice(int(t.searchsorted(window.start_s)), int(t.searchsorted(window.end_s, side="right")))
         # Only samples inside count: one after the end of the competition covers nothing before it.
         if not all(signal.constant for signal in signals):
-            gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s)
-            gaps = with_holes(gaps, [hole for signal in signals for hole in signal.holes], window)
+            holes = [hole for signal in signals for hole in signal.holes]
+            gaps = uncovered_spans(t[inside], window, max_gap_s=max_gap_s, holes=holes)
     return Watched(
         t[inside],
         {signal.name: column[inside] for signal, column in zip(signals, columns, strict=True)},

@@ -15,7 +15,7 @@ from ariac_score.trial.agreement import counting_parts, refuse_other_work, state
 from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.clock import Clock
-from ariac_score.trial.events import ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
+from ariac_score.trial.events import COMPETITION_STARTED, ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Series, Signal, settle
@@ -44,6 +44,13 @@ __all__ = [
 
 LARGEST_STEP_BACK_S = 1.0
 """Stamps further back than this mean two recordings in one file, which sorting would interleave."""
+
+
+LATEST_START_S = 0.1
+"""States are published ten times a second: by so much a start may be earlier than its message."""
+
+LATEST_WATCHER_S = 1.0
+"""Where the start is not in the log, who watches so soon after its beginning watched all of it."""
 
 
 _T = TypeVar("_T")
@@ -85,6 +92,7 @@ class TrialBuilder:
         self.records: list[Record] = []
         self.attestation: Attestation | None = None
         self._defects: dict[tuple[str, str], LogDefect] = {}
+        self._watching: dict[str, float] = {}
 
     def add(self, item: WorkItem | Submission | Event | Record) -> None:
         """Take one decoded item; a work item with a time also makes its announcement an event."""
@@ -94,7 +102,8 @@ class TrialBuilder:
             self.records.append(item)
         elif isinstance(item, Event):
             if item.kind == WATCHING:  # nothing happened: the recorder declares what it would have recorded
-                self.witnessed.add(item.subject)
+                known_s = self._watching.get(item.subject, np.inf)
+                self._watching[item.subject] = min(item.t_s, known_s)
             else:
                 self.events.append(item)
         else:
@@ -188,6 +197,7 @@ class TrialBuilder:
 
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
+        self._believe_watchers()
         bodies = tuple(self.bodies.values())
         self.signals, noted = believed(self.signals, bodies)
         for defect in noted:
@@ -211,6 +221,18 @@ class TrialBuilder:
             attestation=self.attestation,
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
         )
+
+    def _believe_watchers(self) -> None:
+        """Take the word of those who watched from the start on; none vouches for the time before."""
+        starts = [event.t_s for event in self.events if event.kind == COMPETITION_STARTED]
+        begin_s = self.recorded.start_s + LATEST_WATCHER_S if self.recorded else np.inf
+        start_s = min(starts) + LATEST_START_S if starts else begin_s
+        for kind, t_s in sorted(self._watching.items()):
+            if t_s <= start_s:
+                self.witnessed.add(kind)
+            elif kind not in self.witnessed:
+                message = f"watched for from {t_s:.3f} s on only: nobody knows what happened before"
+                self.defect("late_watcher", kind, 1, message)
 
     @property
     def _sampled(self) -> tuple[Signal | Series, ...]:

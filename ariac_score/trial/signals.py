@@ -17,7 +17,6 @@ from ariac_score.trial.spans import (
     Span,
     distinct,
     uncovered_spans,
-    with_holes,
     within_spans,
 )
 
@@ -148,7 +147,7 @@ class Signal(_Recorded):
         """The stretches of a window this signal says nothing about."""
         if self.constant:
             return []
-        return with_holes(uncovered_spans(self.t, window, max_gap_s=max_gap_s), self.holes, window)
+        return uncovered_spans(self.t, window, max_gap_s=max_gap_s, holes=self.holes)
 
     def to_frame(self) -> Any:
         """The samples as a `pandas.DataFrame`: times `t_s` as its index, a column for each component.

@@ -150,13 +150,16 @@ def episodes_where(
     return found
 
 
-def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Span]:
+def uncovered_spans(
+    t: FloatArray, window: Span, *, max_gap_s: float, holes: Iterable[Span] = ()
+) -> list[Span]:
     """Where samples say nothing about a window of time.
 
     Args:
         t: Sample times, shape (n,), s, strictly increasing; may be empty.
         window: The stretch that should be covered.
         max_gap_s: Neighbouring samples at most this far apart, in s, cover the time between them.
+        holes: Stretches that they do not cover however near they are, as a `Signal` has them.
 
     Returns:
         The uncovered stretches in time order.
@@ -170,11 +173,11 @@ def uncovered_spans(t: FloatArray, window: Span, *, max_gap_s: float) -> list[Sp
     (long,) = np.nonzero(np.diff(edges) > max_gap_s + _TIME_TOLERANCE_S)
     gaps = [Span(float(edges[row]), float(edges[row + 1])) for row in long]
     if len(inside) or gaps:
-        return gaps
+        return with_holes(gaps, holes, window)
     # A window between two samples has none inside, and is covered if the two are near each other.
     after = int(np.searchsorted(t, window.end_s))
     bridged = 0 < after < len(t) and t[after] - t[after - 1] <= max_gap_s + _TIME_TOLERANCE_S
-    return [] if bridged else [window]
+    return with_holes([] if bridged else [window], holes, window)
 
 
 def with_holes(gaps: Iterable[Span], holes: Iterable[Span], window: Span) -> list[Span]:

@@ -173,7 +173,8 @@ class AriacMsgs2023:
                 return Event(t_s, kind) if kind else None
             if msgtype == "ariac_msgs/msg/Trial":
                 walks = any(challenge.type == _HUMAN for challenge in message.challenges)
-                return None if walks else Event(t_s, "watching", NO_HUMAN)
+                # What a configuration states holds from the beginning, whenever it is published.
+                return None if walks else Event(0.0, "watching", NO_HUMAN)
         except AttributeError as cause:
             raise _of_another_edition(msgtype, cause) from cause
         return None

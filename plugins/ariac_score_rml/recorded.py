@@ -118,7 +118,8 @@ class Recorded:
         if (window := trial.window) is not None:
             inside = slice(t.searchsorted(window.start_s), t.searchsorted(window.end_s, "right"))
             t, columns = t[inside], [column[inside] for column in columns]
-            gaps = uncovered_spans(t, window, max_gap_s=max_gap_s)
+            holes = [hole for signal in signals.values() for hole in signal.holes]
+            gaps = uncovered_spans(t, window, max_gap_s=max_gap_s, holes=holes)
         return cls(Topic(source.name, t, dict(zip(signals, columns, strict=True))), signals, gaps)
 
     def samples(self, row: int) -> tuple[Sample, ...]:

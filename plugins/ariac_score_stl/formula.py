@@ -223,8 +223,10 @@ class StlFormula:
         if span is None or not len(t):
             message = "there is no sample during the competition"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
+        columns = dict(zip(found, values, strict=True))
+        holes = [hole for signal in found.values() for hole in signal.holes]
         try:
-            judged = JudgedFormula(self.specification, t, dict(zip(found, values, strict=True)), span)
+            judged = JudgedFormula(self.specification, t, columns, span, holes)
         except FormulaError as error:
             message = f"the formula has no value: {error.cause}"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)

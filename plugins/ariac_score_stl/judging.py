@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import inf
 
@@ -29,6 +29,7 @@ class JudgedFormula:
         t: Sample times within the trial, shape (n,), s; at least one.
         columns: Values of the signals at these times, shape (n,), by the names used in the formula.
         span: The trial.
+        holes: Stretches between samples of which nothing is known, however short.
 
     Attributes:
         body: What is judged at every moment of `stretch`: all of the formula, or what follows its `always`.
@@ -48,11 +49,16 @@ class JudgedFormula:
     """
 
     def __init__(
-        self, specification: Specification, t: FloatArray, columns: Mapping[str, FloatArray], span: Span
+        self,
+        specification: Specification,
+        t: FloatArray,
+        columns: Mapping[str, FloatArray],
+        span: Span,
+        holes: Sequence[Span] = (),
     ) -> None:
         self.specification, self.t, self.columns, self.span = specification, t, columns, span
         self.body = specification.body
-        self.gaps = uncovered_spans(t, span, max_gap_s=specification.max_gap_s)
+        self.gaps = uncovered_spans(t, span, max_gap_s=specification.max_gap_s, holes=holes)
         self.predicates = margins(specification.tree, {**columns, **specification.constants}, len(t))
         self.stretch, self.ends_beyond, self.begins_beyond = self._stretch()
         self._by_margin = self._by_truth = self._evaluate(self.predicates)

@@ -9,14 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ariac_score.checks.contracts import Wanted
+from ariac_score.checks.contracts import Decoder, Wanted
+from ariac_score.checks.findings import Verdict
+from ariac_score.errors import LogError
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.events import ARM_COLLISION, COMPETITION_STARTED, WATCHING, Event
 from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
+from ariac_score_ariac.messages import NistGear2020
+from ariac_score_standards.signal_coverage import SignalCoverage
+from ariac_score_stl.formula import StlFormula
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 10_000_000
@@ -26,6 +33,7 @@ PLACE = Channel(
 )
 DISTANCE = Channel("/distance", SCALAR, signals=(FieldMap("centre_distance/robot/human", "m", ("data",)),))
 FRAMES = Channel("/tf", TF, poses="frames")
+STATES = Channel("/state", "std_msgs/msg/String", decoder="gear")
 BODIES = (Body("robot", "robot"), Body("human", "human"))
 
 
@@ -65,7 +73,8 @@ def read(path: Path, messages: Sequence[Recorded], *channels: Channel, storage: 
         messages = [for_ros2(m) if "header" in m.fields else m for m in messages]
     write_bag(path, sorted(messages, key=lambda m: m.t_ns), storage=storage)
     quantities = frozenset({"position", "centre_distance"})
-    return RosbagReader().read(path, Wanted(log_map, quantities))
+    decoders: dict[str, Decoder] = {"gear": NistGear2020()}
+    return RosbagReader().read(path, Wanted(log_map, quantities, decoders))
 
 
 def defects(trial: Trial) -> dict[str, int]:
@@ -236,3 +245,106 @@ def test_what_stands_still_or_comes_back_for_a_moment_is_no_replay(tmp_path: Pat
 
     for number, values in enumerate((still, again)):
         assert defects(read(tmp_path / f"{number}.bag", list(distances(values)), DISTANCE)) == {}
+
+
+# What happened before anybody looked ----------------------------------------------------------
+
+
+def states(*words: str) -> Iterator[Recorded]:
+    for i, word in enumerate(words):
+        yield Recorded("/state", "std_msgs/msg/String", START_NS + i * 10 * STEP_NS, {"data": word})
+
+
+@pytest.mark.parametrize(
+    ("words", "started_s"),
+    [
+        (("go", "go", "go", "go", "done"), None),
+        (("init", "go", "go", "go", "done"), 0.1),
+        (("go", "done"), 0.0),  # stated once: nothing says that it was stated before
+    ],
+)
+def test_a_recording_that_begins_while_the_competition_runs_does_not_know_its_start(
+    tmp_path: Path, words: tuple[str, ...], started_s: float | None
+) -> None:
+    trial = read(tmp_path / "t.bag", list(states(*words)), STATES)
+
+    assert trial.started_s == started_s
+    assert defects(trial) == ({"late_recording": 1} if started_s is None else {})
+
+
+def test_a_competition_that_runs_again_after_its_end_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        LogError, match=r"/state says at 0\.300 s that the competition runs.* 0\.200 s .* over"
+    ):
+        read(tmp_path / "t.bag", list(states("init", "go", "done", "go")), STATES)
+
+
+@pytest.mark.parametrize(("watches_s", "vouches"), [(0.0, True), (2.1, True), (2.2, False)])
+def test_who_watches_vouches_for_no_time_before_he_came(watches_s: float, vouches: bool) -> None:
+    found = TrialBuilder("t", file="t", clock=None)
+    found.add(Event(2.0, COMPETITION_STARTED))
+    found.add(Event(watches_s, WATCHING, ARM_COLLISION))
+
+    trial = found.build()
+
+    assert (ARM_COLLISION in trial.witnessed) is vouches
+    assert defects(trial) == ({} if vouches else {"late_watcher": 1})
+
+
+# Who is watched at all, and where --------------------------------------------------------------
+
+
+def test_a_person_whom_the_log_map_names_and_no_frame_is_does_not_vanish(tmp_path: Path) -> None:
+    path, person = (
+        tmp_path / "t.bag",
+        [moved("person", "world", 1.0, START_NS + i * STEP_NS) for i in range(9)],
+    )
+    frames = (
+        BodyMatch("person", "human"),
+        BodyMatch("visitor", "human"),
+        BodyMatch("guest_*", "human"),
+        BodyMatch("arm", "robot"),
+    )
+    write_bag(path, person, storage="ros1")
+
+    trial = RosbagReader().read(path, Wanted(LogMap("t", (FRAMES,), frames=frames), frozenset({"position"})))
+
+    # Nobody can know how many guests there should be; that no robot is there, every monitor says itself.
+    assert [body.id for body in trial.bodies] == ["person", "visitor"]
+    assert [line.partition(":")[0] for line in trial.unrecorded] == [
+        "frame arm",
+        "frame guest_*",
+        "frame visitor",
+    ]
+
+
+@pytest.mark.parametrize(("frame", "refused"), [("camera", True), ("world", False), ("/world", False)])
+def test_positions_in_two_frames_are_never_subtracted(tmp_path: Path, frame: str, refused: bool) -> None:
+    robot = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
+    human = [
+        replace(m, fields={**m.fields, "header": {**m.fields["header"], "frame_id": frame}}) for m in places()
+    ]
+
+    if refused:
+        with pytest.raises(LogError, match="topic /place in 'camera', tf in 'world'"):
+            read(tmp_path / "t.bag", [*robot, *human], PLACE, FRAMES)
+    else:
+        assert set(read(tmp_path / "t.bag", [*robot, *human], PLACE, FRAMES).signals) == {
+            "position/human",
+            "position/robot",
+        }
+
+
+def test_formulas_and_shares_of_time_leave_open_what_a_signal_leaves_open() -> None:
+    t = np.arange(100) / 100
+    signal = Signal("speed/human", "m/s", t, np.full(100, 0.2), holes=(Span(0.49, 0.53),))
+    trial = Trial("t", bodies=BODIES, signals={signal.name: signal}, recorded=Span(0.0, 0.99))
+    formula = StlFormula(formula="always v < 1", signals={"v": "speed of human in m/s"}, max_gap_s=0.05)
+    shares = SignalCoverage(quantities=("speed",), max_gap_s=0.05)
+
+    (open_,) = formula.watch(trial)
+    (share,) = (found for found in shares.watch(trial) if found.quantities)
+
+    assert open_.verdict is Verdict.INCONCLUSIVE
+    assert "0.490" in open_.message
+    assert share.quantities["missing_s"] == pytest.approx(0.04)

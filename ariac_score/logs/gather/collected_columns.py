@@ -31,6 +31,7 @@ __all__ = [
 ]
 
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+FRAME_ID = "header.frame_id"
 SEQUENCE = "header.seq"
 """What a ROS 1 publisher numbers its stamped messages by."""
 _AT = tuple(f"transforms.transform.translation.{axis}" for axis in "xyz")
@@ -51,6 +52,7 @@ class Needs:
 
     channel: Channel
     signals: tuple[str, ...]
+    places: bool = False
 
     def fields(self) -> dict[str, _Wanted]:
         """The paths it needs, each with the kind of field and the sequences it must lie in."""
@@ -95,9 +97,11 @@ def columns_for(connection: Connection, needs: Sequence[Needs]) -> ColumnDecoder
     sequences = dict[str, _Wanted]()
     if connection.encoding == "ros1" and any(by_header(n.channel) and not n.channel.poses for n in needs):
         sequences = {SEQUENCE: ("stamp", ())}
-    decoder = column_decoder_for(connection, fields | stamps | sequences)
-    if sequences and not _has(decoder, sequences):
-        decoder = column_decoder_for(connection, fields | stamps)
+    named = {FRAME_ID: ("text", ())} if any(need.places for need in needs) else {}
+    decoder = column_decoder_for(connection, fields | stamps | sequences | named)
+    if not _has(decoder, sequences) or not _has(decoder, named):
+        kept = {path: what for path, what in (sequences | named).items() if _has(decoder, {path: what})}
+        decoder = column_decoder_for(connection, fields | stamps | kept)
     if not _has(decoder, stamps):
         if must:
             return None
@@ -166,6 +170,14 @@ class Decoded:
         """What their publisher numbered them, shape (n,); `None` where it did not."""
         column = self.columns.get(SEQUENCE)
         return None if column is None else column.values.astype(np.int64)
+
+    @property
+    def frame_ids(self) -> set[str]:
+        """The frames that the headers of messages name, where these are wanted."""
+        column = self.columns.get(FRAME_ID)
+        if column is None or column.texts is None or not len(column.values):
+            return set()
+        return {column.texts[code] for code in np.flatnonzero(np.bincount(column.values)).tolist()}
 
     def first_of_each(self, stamps_ns: IntArray) -> tuple[IntArray, IntArray]:
         """Of the stamps of transforms the first of each message: the messages' numbers, these stamps."""

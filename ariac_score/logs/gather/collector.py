@@ -10,6 +10,7 @@ from functools import partial
 from keyword import iskeyword
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,24 +32,22 @@ from ariac_score.logs.gather.collected_columns import (
     clock_key,
     columns_for,
 )
+from ariac_score.logs.gather.competition_states import changes
 from ariac_score.logs.gather.frame_publishers import FramePublishers
 from ariac_score.logs.gather.message_fields import NUMBER, nearest, number_paths, value_at
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.numbering import Numbering, TopicNumbering, Unknown, note_contested
+from ariac_score.logs.gather.position_frames import PositionFrames
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import Channel, FieldMap, LogMap
-from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
+from ariac_score.trial.model import Body
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["Collector", "MessageRoute"]
-
-_STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
-"""Simulators publish the state ten times a second, and several states mean that the competition runs or is
-over. Of consecutive messages with the same meaning only the first is an event."""
 
 _LIKE = 0.85
 """How alike the name of a recorded topic must be to one that is not recorded to be taken for it."""
@@ -218,6 +217,7 @@ class Collector:
                 )
             else:
                 intake.take_columns(decoded, stamps_ns)
+            intake.frame_ids |= decoded.frame_ids
             sequences = decoded.sequences
             if sequences is None:
                 sequences = self._numbering.of(connection, sent[0])
@@ -278,6 +278,9 @@ class Collector:
     def _sent(self, item: Message, number: int, message: object, intake: _Intake, stamp_ns: int) -> None:
         """Take note of who sent a message, and of how it numbered it."""
         numbers, stamps_ns = np.array([number]), np.array([stamp_ns])
+        frame_id = getattr(getattr(message, "header", None), "frame_id", None)
+        if isinstance(frame_id, str) and intake.places:
+            intake.frame_ids.add(frame_id)
         sequence = getattr(getattr(message, "header", None), "seq", None)
         if isinstance(sequence, int | np.integer):
             intake.sent.take(item.connection, numbers, stamps_ns, np.array([int(sequence)]))
@@ -352,14 +355,36 @@ class Collector:
         for body in self._wanted.log_map.bodies:
             if body.id in received:
                 builder.add_body(body)
+        self._refuse_several_frames()
         if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
             self._settle_frames(builder, origin_ns)
         if "position" in self._wanted.quantities:
             of_models = [intake.unknown for intake in self._intakes if intake.channel.poses == "models"]
             self._models.settle(builder, origin_ns, of_models)
         self._add_unrecorded_bodies(builder, due)
+        self._add_unmatched(builder, (*self._tree.unmatched, *self._models.unmatched))
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
+
+    def _refuse_several_frames(self) -> None:
+        frames = PositionFrames(self._file)
+        for intake in self._intakes:
+            for frame in sorted(intake.frame_ids):
+                frames.take(frame, f"topic {intake.channel.topic}")
+        log_map = self._wanted.log_map
+        if self._tree.places_any(log_map.frames):
+            frames.take(log_map.root_frame, "tf")
+        if self._models.places_any:
+            frames.take("world", "Gazebo")
+        frames.refuse_several()
+
+    def _add_unmatched(self, builder: TrialBuilder, unmatched: Iterable[BodyMatch]) -> None:
+        """Add the bodies that a pattern names and nothing recorded matches, where others of the kind are."""
+        kinds = {body.kind for body in builder.bodies.values()}
+        for match in unmatched:
+            name = match.body or match.match
+            if match.kind in kinds and name not in builder.bodies and not set("*?[") & set(name):
+                builder.add_body(Body(name.replace("/", "_"), match.kind, match.radius_m))
 
     def _settle_frames(self, builder: TrialBuilder, origin_ns: int) -> None:
         contested: dict[str, list[Span]] = {}
@@ -463,6 +488,7 @@ class _Intake:
         self.channel = channel
         self.received = 0
         self.by_arrival = False
+        self.frame_ids: set[str] = set()
         self.sent, self.unknown = TopicNumbering(), Unknown()
         self.untyped: dict[str, str] = {}
         self.undecodable: list[str] = []
@@ -494,10 +520,15 @@ class _Intake:
         return True
 
     @property
+    def places(self) -> bool:
+        """Whether it gives positions."""
+        return any(quantity_of(column.field_map.signal) == "position" for column in self._columns)
+
+    @property
     def needs(self) -> Needs:
         """The fields it needs of a message."""
         paths = tuple(path for column in self._columns for path in column.field_map.fields)
-        return Needs(self.channel, paths)
+        return Needs(self.channel, paths, self.places)
 
     def retime(self, retimed: Callable[[IntArray], IntArray]) -> None:
         """Put its stamps on another clock."""
@@ -643,7 +674,7 @@ class _Intake:
             return len(self._items)
         decoder = ChannelDecoder(self.channel, plugin)
         reasons: list[str] = []
-        before: str | None = None
+        said: list[Any] = []
         for type_, message, stamp_ns in self._items:
             try:
                 item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
@@ -651,10 +682,9 @@ class _Intake:
             except (ValueError, AttributeError) as error:  # contents, or fields, the plugin cannot use
                 reasons.append(str(error))
                 continue
-            state = item.kind if isinstance(item, Event) and item.kind in _STATES else None
-            if item is not None and (state is None or state != before):
-                builder.add(item)
-            before = state
+            said.append(item)
+        for item in changes(self.channel.topic, said, builder):
+            builder.add(item)
         if len(reasons) == len(self._items):
             builder.unrecorded.append(
                 f"topic {self.channel.topic}: none of its messages can be used: {reasons[0]}"

@@ -106,6 +106,16 @@ class ModelPoses:
                 return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
         return None
 
+    @property
+    def places_any(self) -> bool:
+        """Whether a recorded model is a body."""
+        return any(track is not None for track in self._tracks.values())
+
+    @property
+    def unmatched(self) -> list[BodyMatch]:
+        """The patterns that no recorded model matches."""
+        return [m for m in self._matches if m.match not in self._matched] if self._received else []
+
     def retime(self, retimed: Retimed) -> None:
         """Put all stamps on another clock."""
         for track in self._tracks.values():
@@ -119,8 +129,7 @@ class ModelPoses:
         for one in unknown:
             holes += one.holes
             contested += one.contested
-        if self._received:
-            unmatched = [m.match for m in self._matches if m.match not in self._matched]
+        if unmatched := [match.match for match in self.unmatched]:
             there = sorted({name.partition("::")[0] for name in self._tracks})
             for pattern in unmatched:
                 meant = nearest(pattern, there, what="recorded models")

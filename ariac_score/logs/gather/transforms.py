@@ -215,6 +215,7 @@ class TransformTree:
         self._edges: dict[str, dict[str, _Edge]] = {}
         self._unusable: dict[str, int] = {}
         self._settled: dict[str, _Settled] = {}
+        self.unmatched: list[BodyMatch] = []
         self._holes: Sequence[Span] = ()
         self._contested: Mapping[str, Sequence[Span]] = {}
 
@@ -348,6 +349,7 @@ class TransformTree:
         for match in matches:
             found = list(self._matched(match))
             if not found:
+                self.unmatched.append(match)
                 there = nearest(match.match, sorted(self._names()), what="recorded frames")
                 builder.unrecorded.append(f"frame {match.match}: no recorded frame matches; {there}")
             for frame, body in found:
@@ -356,6 +358,10 @@ class TransformTree:
     def _names(self) -> set[str]:
         """All frames, those at the roots as well."""
         return set(self._edges).union(*self._edges.values())
+
+    def places_any(self, matches: Sequence[BodyMatch]) -> bool:
+        """Whether a recorded frame is a body."""
+        return any(match.body_for(frame) for match in matches for frame in self._edges)
 
     def _matched(self, match: BodyMatch) -> Iterator[tuple[str, Body]]:
         """The frames that match, each with its body; the frame of a link with a body that names the link."""
