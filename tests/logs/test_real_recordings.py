@@ -88,6 +88,19 @@ def test_twelve_gaps_leave_the_score_between_two_numbers_and_hide_no_contact() -
     assert "without gaps longer than 0.05 s" in lack.remedy
 
 
+@pytest.mark.parametrize(("name", "longest_gap_s"), [("walk_done.bag", 0.057), ("walk_jitter.bag", 0.097)])
+def test_an_honest_recording_lacks_nothing_and_says_how_late_what_nobody_stamped_arrived(
+    name: str, longest_gap_s: float
+) -> None:
+    trial = read(name, "centre_distance", "position")
+
+    # No message is later than the gap before it is long; those with stamps are not late at all.
+    assert 0.01 < trial.signals["centre_distance/robot/human"].stamp_jitter_s < longest_gap_s
+    assert trial.signals["position/human"].stamp_jitter_s == 0.0
+    assert [signal.holes for signal in trial.signals.values()] == [()] * len(trial.signals)
+    assert trial.log_defects == ()
+
+
 def test_a_bag_that_was_cut_off_is_refused_with_what_is_left_and_the_remedy() -> None:
     left = r"cut off.*readable up to byte 700000: 9 topics, 5450 messages"
     with pytest.raises(LogError, match=left) as error:
