@@ -28,6 +28,7 @@ from ariac_score.report.site.view import view_of
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift
 from ariac_score.review.sensitivity_file import sensitivity_json
+from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/competition/2024"
@@ -461,6 +462,34 @@ def hostile_ranking(ranking: Path) -> Path:
     data["rule_set"]["id"] = HOSTILE[1]
     ranking.write_text(json.dumps(data), encoding="utf-8")
     return ranking
+
+
+@pytest.mark.slow
+def test_five_hundred_teams_have_a_page_that_a_browser_can_load(tmp_path: Path) -> None:
+    """All their 124 750 pairs are in a CSV; as JSON they took 26 MB more."""
+    kit = (PlannedOrder("AAAA0001", "kitting", False, (("pump", "red"),)),)
+    for number in range(500):
+        folder = tmp_path / "c/logs" / f"team_{number:03}" / "kit_1"
+        folder.mkdir(parents=True)
+        text = trial_log_text("kit", kit, [Outcome(("",), 50.0 + number)])
+        (folder / "trial_log.txt").write_text(text, encoding="utf-8")
+        (folder / "sensor_cost.txt").write_text(sensor_cost_text({"lidar": 2}), encoding="utf-8")
+    (tmp_path / "c/competition.yaml").write_text(
+        "id: many\nrules: ariac2024.official\nruns: logs/{team}/{trial}_{run}\n", encoding="utf-8"
+    )
+    ranking = tmp_path / "ranking.json"
+
+    assert main(["rank", str(tmp_path / "c"), "-o", str(ranking)]) == 0
+    assert main(["report", str(ranking), "-o", str(tmp_path / "site")]) == 0
+
+    page = (tmp_path / "site/index.html").read_text(encoding="utf-8")
+    assert page.count("team_499") >= 1
+    assert len(page) < 1 << 20
+    sizes = {file.name: file.stat().st_size for file in (tmp_path / "site/data").iterdir()}
+    assert "pairs.json" not in sizes
+    assert sizes["pairs.csv"] < 8 << 20
+    assert sum(sizes.values()) < 40 << 20
+    assert all(name in sizes for name in re.findall(r'href="data/([^"]+)"', page))
 
 
 def test_hostile_names_are_text(ranking: Path, tmp_path: Path) -> None:

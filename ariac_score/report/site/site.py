@@ -161,7 +161,7 @@ def write_site(
         written += [f"results/{site.publication.results[made.key].file}" for made in pages]
     tables, view = _tables(site, pages), _view(site, pages)
     texts = {f"{DATA}/{table.name}.csv": table_csv(table) for table in tables}
-    texts |= {f"{DATA}/{table.name}.json": table_json(table) for table in tables}
+    texts |= {f"{DATA}/{table.name}.json": table_json(table) for table in tables if table.in_json}
     texts[RANKING] = _pointing_here(site.publication, pages=bool(pages))
     texts["index.html"] = _index(view, tables)
     texts |= _further(view)

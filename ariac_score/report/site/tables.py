@@ -26,6 +26,10 @@ __all__ = ["Table", "cell_text", "table_csv", "table_json", "tables_of"]
 Value = str | int | float | Decimal | bool | None
 
 
+MOST_ROWS_IN_JSON = 20_000
+"""A longer table is written as CSV alone; all pairs of 200 teams fit."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table.
@@ -41,6 +45,11 @@ class Table:
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Value, ...], ...]
+
+    @property
+    def in_json(self) -> bool:
+        """Whether it is written as JSON too, which for very many rows would be tens of megabytes."""
+        return len(self.rows) <= MOST_ROWS_IN_JSON
 
 
 def table_csv(table: Table) -> str:
