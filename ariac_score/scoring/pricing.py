@@ -141,6 +141,9 @@ def price(
     try:
         settled = maker.settled(sheet.score, sheet.scored, cohort)
     except NeedsCohortError as missing:
+        if any(one.check in sheet.scored for one in variables):
+            # What a team brings to values across teams cannot be open, so none of them can be had.
+            return Priced("incomplete", None, task, possible, maker.assumptions(None))
         return Priced("needs_cohort", None, task, possible, maker.assumptions(None), missing.cause)
     except UnknownFactError as missing:
         return Priced("incomplete", None, task, possible, maker.assumptions(None), missing.cause)
