@@ -9,6 +9,7 @@ from dataclasses import replace
 from decimal import Decimal
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec import structs
@@ -83,12 +84,12 @@ def ranked(folder: Path, runs: Mapping[str, tuple[str, str, str]], extra: str = 
     for team, (score, least, most) in runs.items():
         example = load_result(EXAMPLE)
         assert example.ledger is not None
-        factor = {"score": None, "ledger": None, "status": "incomplete", "missing": "a gap"}
+        changed: dict[str, Any] = {"score": None, "ledger": None, "status": "incomplete", "missing": "a gap"}
         if score != "-":
             line = replace_amount(example.ledger, Decimal(score))
-            factor = {"score": Decimal(score), "ledger": line}
+            changed = {"score": Decimal(score), "ledger": line}
         interval = ScoreInterval(Decimal(least), Decimal(most), True, "withhold" if score == "-" else "worst")
-        results[team, "cell", 1] = replace(example, **factor, interval=None if least == most else interval)
+        results[team, "cell", 1] = replace(example, **changed, interval=None if least == most else interval)
     return rank_results(competition, spec, rules, results)
 
 

@@ -34,7 +34,8 @@ NARROWING = (
 @pytest.fixture(scope="module")
 def closed() -> Result:
     """The example: 19.761677 of 36, of which 8.238323 were lost to the one violation of safety."""
-    return PAGES.example()
+    example: Result = PAGES.example()
+    return example
 
 
 def opened(closed: Result, counts: str = "worst", **more: Any) -> Result:
