@@ -125,12 +125,20 @@ def test_undecided_safety_is_never_said_to_be_kept(example: Result) -> None:
     assert sentences_of(open_)[1] == "Whether it was safe is undecided."
 
 
+def withholding(folder: Path) -> Path:
+    """The paper's rules with no score while anything is open."""
+    rules = folder / "withholding.yaml"
+    extended = "extends: paper2020, log_map: ariac2020, open: withhold"
+    rules.write_text(f"{{id: withholding, title: paper2020, source: test, {extended}}}", encoding="utf-8")
+    return rules
+
+
 def test_a_score_that_is_withheld_says_why(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
 
-    told = summary_of(score_trial(log, "paper2020"))
+    told = summary_of(score_trial(log, withholding(tmp_path)))
 
-    assert "There is no score, because" in told
+    assert "neither counts until that is decided" in told
     assert "undecided" in told
 
 
@@ -198,7 +206,7 @@ def test_monitors_are_about_safety_and_rules_about_the_task_unless_they_say_othe
 def test_without_a_score_there_are_no_parts(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
 
-    assert task_and_safety(score_trial(log, "paper2020")) is None
+    assert task_and_safety(score_trial(log, withholding(tmp_path))) is None
 
 
 def test_the_bars_share_one_scale_and_safety_ends_where_the_score_does(example: Result) -> None:

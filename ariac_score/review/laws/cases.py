@@ -17,6 +17,7 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression, Number, text_of
+from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.levels import TEXT, TRIAL
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet
@@ -283,7 +284,12 @@ class World:
         sheet = self.rule_set.sheet
         scopes = self.scopes(case)
         return value_of(
-            self.findings(case), scopes, sheet, self.rule_set.policies, cohort=self._cohort(scopes)
+            self.findings(case),
+            scopes,
+            sheet,
+            self.rule_set.policies,
+            cohort=self._cohort(scopes),
+            left_open=LeftOpen(counts=self.rule_set.counts, monitors=self.rule_set.monitors),
         )
 
     def _cohort(self, scopes: Scope) -> CohortValues:
