@@ -125,14 +125,16 @@ def test_a_stored_result_comes_back_as_it_was(tmp_path: Path) -> None:
     assert again.score == result.score
 
 
-def test_a_deleted_human_signal_withholds_the_score(tmp_path: Path) -> None:
+def test_a_deleted_human_signal_leaves_the_score_open_and_its_worst_counts(tmp_path: Path) -> None:
     whole = score_trial(EXAMPLE, "paper2020")
     log = write_trial_log(tmp_path / "t.jsonl", kitting_trial(human=False), signals=["speed/robot"])
 
     blind = score_trial(log, "paper2020")
 
     assert whole.score is not None
-    assert (blind.score, blind.status) == (None, "incomplete")
+    assert blind.score is not None
+    assert blind.is_open
+    assert blind.score <= whole.score  # nobody gains by hiding the person
     assert {a.check for a in blind.assumptions} == {"separation", "human_contact"}
 
 
