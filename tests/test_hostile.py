@@ -84,11 +84,17 @@ def test_a_doctored_log_never_scores_more_than_the_honest_one(name: str, tmp_pat
 
 
 @pytest.mark.parametrize("lost", ["competition_started", "competition_ended"])
-def test_a_log_that_shows_only_one_end_of_the_competition_is_undecided(lost: str, tmp_path: Path) -> None:
+def test_a_log_that_shows_only_one_end_of_the_competition_leaves_the_whole_task_open(
+    lost: str, tmp_path: Path
+) -> None:
     result = score_trial(_doctored(tmp_path, _without(lost)), "paper2020")
 
-    assert result.score is None
-    assert {a.check for a in result.assumptions} == {"separation", "human_contact"}
+    # At worst somebody was hurt in what is missing: 0. At best it is as the honest log.
+    assert result.is_open
+    assert result.interval is not None
+    assert result.score == result.interval.least == 0
+    assert float(result.interval.most) == HONEST
+    assert {"separation", "human_contact", "no_arm_collision"} < {a.check for a in result.assumptions}
 
 
 def _first(kind: str, records: Records) -> dict[str, Any]:
@@ -147,11 +153,18 @@ def test_a_contradiction_in_a_log_is_refused(
     assert "hint:" in err
 
 
-def test_a_pose_too_far_to_compute_with_is_undecided(tmp_path: Path) -> None:
+def test_a_pose_too_far_to_compute_with_is_open_and_counts_as_wrong(tmp_path: Path) -> None:
     def change(records: Records) -> None:
         _first("submission", records)["contents"][0]["pose"]["position_m"] = [1e200, 0.0, 0.0]
 
-    assert score_trial(_doctored(tmp_path, change), "paper2020").score is None
+    result = score_trial(_doctored(tmp_path, change), "paper2020")
+
+    # One pose point, under the demerits that the honest log has.
+    assert result.is_open
+    assert result.interval is not None
+    assert result.score == result.interval.least
+    assert float(result.interval.most) == HONEST
+    assert float(result.interval.least) == pytest.approx(HONEST * 27 / 28, abs=2e-6)
 
 
 def test_half_a_surrogate_pair_in_a_name_does_not_stop_the_result(tmp_path: Path) -> None:

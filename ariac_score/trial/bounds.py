@@ -42,7 +42,6 @@ DEFAULT_BOUNDS: Mapping[str, MotionBound] = FrozenMap(
             4.0, source="our choice: a run; ISO 13855 has 1.6 m/s for a walk, 2.0 for a hand"
         ),
         "robot": MotionBound(5.0, source="our choice: what tracks are split at as a jump (catalogue, M19)"),
-        "agv": MotionBound(3.0, source="our choice; ISO 3691-4 trucks drive up to about 2 m/s"),
     }
 )
 """By kind of body, for competitions whose organiser states none; conservative rather than near."""

@@ -108,11 +108,17 @@ def test_what_is_undecided_stands_where_samples_lack() -> None:
         "",
         "",
     ]
-    assert [m.message for m in said if m.margin is None] == [
+    told = [
+        m.message.partition("; a violation was possible in it, for 0 to ") for m in said if m.margin is None
+    ]
+    assert [lacking for lacking, _, _ in told] == [
         "no samples for 0.500 s, from 0.000 s",
         "no samples for 0.800 s, from 0.700 s",
         "no samples for 0.300 s, from 1.700 s",
     ]
+    # Both come nearer by at most 4 + 5 m/s: it takes 0.2/9 s from 0.5 m to 0.3 m, 0.45/9 s from 0.75 m.
+    longest_s = [float(possible.removesuffix(" s")) for _, _, possible in told]
+    assert longest_s == pytest.approx([0.5 - 0.2 / 9, 0.8 - 2 * 0.2 / 9, 0.3 - 0.45 / 9], abs=0.005)
 
 
 class Limited:

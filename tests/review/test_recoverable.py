@@ -49,7 +49,10 @@ def test_nobody_gains_more_than_was_possible(tmp_path: Path) -> None:
 
 def test_a_withheld_score_has_nothing_to_compare_with(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
-    result = score_trial(log, "paper2020")
+    rules = tmp_path / "strict.yaml"
+    extended = "extends: paper2020, log_map: ariac2020, open: withhold"
+    rules.write_text(f"{{id: strict, title: paper2020, source: test, {extended}}}", encoding="utf-8")
+    result = score_trial(log, rules)
 
     assert result.score is None
     assert recoverable_losses(result) == ()

@@ -166,7 +166,7 @@ def test_a_result_without_a_score_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [(["nowhere.json"], 6), (["nowhere"], 5), (["--log", "x", "."], 4)],
+    [(["nowhere.json"], 5), (["nowhere"], 5), (["--log", "x", "."], 4)],
 )
 def test_what_cannot_be_varied_is_refused(
     arguments: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
