@@ -167,13 +167,20 @@ def test_one_motion_in_two_places_is_one_body_and_two_motions_of_one_name_are_a_
     assert "left out: the same motion as frame human_base" in same.text
 
 
-def test_positions_of_another_frame_are_taken_only_where_somebody_says_so(tmp_path: Path) -> None:
+def test_positions_of_another_frame_are_shown_and_never_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     messages = [*frames(arm=swinging), *poses("/lab/human", walking, frame="camera")]
 
-    assert Drafted(tmp_path, messages).code == 6
+    drafted = Drafted(tmp_path, messages)
+    assert (drafted.code, drafted.bodies) == (6, {"robot": "robot"})
+    assert "topic /lab/human: in frame camera" in drafted.text
+    capsys.readouterr()
     named = Drafted(tmp_path, messages, "--human", "/lab/human")
-    assert (named.code, named.bodies) == (0, {"human": "human", "robot": "robot"})
-    assert "in frame camera" in named.text
+    assert (named.code, named.text) == (4, "")
+    err = capsys.readouterr().err
+    assert "/lab/human: in frame camera" in err
+    assert "hint: record" in err
 
 
 def test_speeds_and_distance_serve_where_nobody_has_a_position(tmp_path: Path) -> None:

@@ -363,6 +363,7 @@ def _choices(
             tuple(c.name for c in choice.chosen),
             several=True,
         )
+        _refuse_elsewhere(role, candidates, said)
         names = drafting.answer(question, said)
         picked = tuple(c for name in names if (c := named(candidates, name)) is not None)
         why = choice.why if picked == choice.chosen else "chosen by you"
@@ -372,6 +373,17 @@ def _choices(
         chosen[role] = replace(choice, chosen=picked, why=why, equal=equal, others=left_out)
         drafting.decided += [f"{role}: {c.words}; {why}" for c in picked]
     return chosen
+
+
+def _refuse_elsewhere(role: str, candidates: Sequence[Candidate], said: Iterable[str]) -> None:
+    """Refuse whoever was named and has positions that cannot be compared with those of the others."""
+    for name in said:
+        one = named(candidates, name)
+        if one is not None and one.elsewhere:
+            raise UsageError(
+                f"--{role}: {one.words}",
+                hint="record its positions in the frame of the others, or as transforms (/tf)",
+            )
 
 
 def open_words(questions: Iterable[Question]) -> Iterator[str]:

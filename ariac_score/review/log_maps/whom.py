@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 
 from ariac_score.checks.contracts import Reader
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import read_trial
+from ariac_score.errors import ScoreError
 from ariac_score.logs.bundle import Bundle
+from ariac_score.logs.logmap import load_log_map, log_map_names
 from ariac_score.review.log_maps.survey import FRAMES, MODELS, STILL_M, Survey, TopicFields
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -35,7 +38,7 @@ __all__ = [
 ROLES = ("human", "robot")
 
 _HUMANS = ("actor", "human", "humans", "operator", "pedestrian", "people", "person", "skeleton", "visitor")
-_ROBOTS = ("arm", "ee", "gantry", "gripper", "manipulator", "robot", "tcp", "tool", "torso")
+_ROBOTS = ("arm", "ee", "gripper", "manipulator", "robot", "tcp", "tool", "torso")
 _MAKES = ("abb", "fanuc", "fr", "franka", "iiwa", "irb", "kinova", "kuka", "panda", "sawyer", "ur", "yaskawa")
 _WORDS: Mapping[str, frozenset[str]] = {
     "human": frozenset((*_HUMANS, "worker")),
@@ -61,7 +64,7 @@ class Candidate:
         topic: Of a topic: its name, and the path of the position.
         elsewhere: The frame that its positions are in, where it is not that of the others.
         moves: Whether it, or one of its links, moves.
-        signal: Its positions; `None` where they cannot be had.
+        signal: Its positions; `None` where they cannot be had, or are in another frame.
         moved_m: How far apart its outermost places are, m.
         fastest_m_s: Its largest speed, m/s.
     """
@@ -81,6 +84,8 @@ class Candidate:
     @property
     def words(self) -> str:
         """What was seen of it."""
+        if self.elsewhere:
+            return f"{self.source} {self.name}: in frame {self.elsewhere}, and not in that of the others"
         if self.signal is None:
             return "its positions cannot be had"
         span_s = float(self.signal.t[-1] - self.signal.t[0])
@@ -89,8 +94,7 @@ class Candidate:
             motion = f"moves {self.moved_m:.2f} m, at most {self.fastest_m_s:.2f} m/s"
         else:
             motion = "stays where it is, its links move" if self.moves else "does not move"
-        foreign = f", in frame {self.elsewhere}" if self.elsewhere else ""
-        return f"{self.source} {self.name}: {motion}{rate}{foreign}"
+        return f"{self.source} {self.name}: {motion}{rate}"
 
 
 @dataclass(frozen=True)
@@ -158,7 +162,7 @@ def candidates_in(
     bodies = tuple(Body(c.key, "thing") for c in found if c.source == "topic")
     channels = [Channel(topic.name, poses="frames") for topic in survey.of_type(FRAMES)]
     channels += [Channel(topic.name, poses="models", optional=True) for topic in survey.of_type(MODELS)]
-    channels += [_probe(c) for c in found if c.source == "topic"]
+    channels += [_probe(c) for c in found if c.source == "topic" and not c.elsewhere]
     everything = (BodyMatch("*", "thing", links=("*",)),)
     channels = [replace(channel, stamp=stamp) for channel in channels]
     probe = LogMap("probe", tuple(channels), bodies, everything, tuple(matches), root)
@@ -166,7 +170,28 @@ def candidates_in(
     known = {c.key for c in found}
     found += [_model(body, trial) for body in trial.bodies if body.id not in known]
     trial = derive_signals(trial, [Derivation("speed", 1.0)])
-    return [_seen(candidate, trial) for candidate in found]
+    matches = _installed_matches(registry)
+    return [_seen(_as_installed(candidate, matches), trial) for candidate in found]
+
+
+def _installed_matches(registry: Registry) -> list[BodyMatch]:
+    """The names of robots and humans in the log maps of installed competitions."""
+    found = []
+    for name in log_map_names(registry):
+        try:
+            log_map = load_log_map(name, registry=registry)
+        except ScoreError:
+            continue  # a broken log map names nobody
+        found += [match for match in (*log_map.models, *log_map.frames) if match.kind in ROLES]
+    return found
+
+
+def _as_installed(candidate: Candidate, matches: Iterable[BodyMatch]) -> Candidate:
+    """A candidate whose name says nothing by itself, as what an installed log map knows it."""
+    if candidate.kind or candidate.source == "topic":
+        return candidate
+    kinds = {match.kind for match in matches if fnmatchcase(candidate.name, match.match)}
+    return replace(candidate, kind=kinds.pop()) if len(kinds) == 1 else candidate
 
 
 def escaped(name: str) -> str:
@@ -324,7 +349,7 @@ _NAMED = 2
 
 def _rank(candidate: Candidate, role: str) -> int:
     """How much speaks for a candidate: its name and its motion, its name, its motion, nothing."""
-    if candidate.signal is None or candidate.elsewhere:
+    if candidate.signal is None:
         return 0
     if candidate.kind == role:
         return 3 if candidate.moves else 2
@@ -359,7 +384,7 @@ def _same(one: Candidate, other: Candidate) -> bool:
     if one is other or one.key == other.key:
         return True
     first, second = one.signal, other.signal
-    if first is None or second is None or one.elsewhere or other.elsewhere:
+    if first is None or second is None:
         return False
     t = first.t[(first.t >= second.t[0]) & (first.t <= second.t[-1])]
     if len(t) < 2:
