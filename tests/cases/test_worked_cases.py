@@ -11,6 +11,9 @@ by name, penalties by name, and accepted orders as `kind announced submitted`, i
 is not given is as the schema has it by default. It names the parts of the score in
 `terms` of `trial`. What must be refused says with which words (`refused`).
 
+What is left open names the checks (`undecided`), and the least and the most that the score
+can be (`between`), of which the least counts; without `between` there is no score.
+
 A case of a rulebook may name the difference it shows (`differs`) and what the code makes
 of the same trial (`coded`); the team's sensors (`sensors`) or their recorded cost
 (`cost`); parameters an organiser turned; values across teams (`cohort`: by name and
@@ -343,9 +346,14 @@ def compare(expected: Mapping[str, Any], result: Result, cohort: CohortValues) -
         elif key == "possible":
             assert amount(result.possible) == value
         elif key == "undecided":
-            assert (result.status, result.score) == ("incomplete", None)
-            withheld = {a.check for a in result.assumptions if a.policy == "withhold"}
-            assert sorted(withheld) == sorted(value)
+            policy = "worst" if "between" in expected else "withhold"
+            assert policy == "worst" or (result.status, result.score) == ("incomplete", None)
+            assert sorted({a.check for a in result.assumptions if a.policy == policy}) == sorted(value)
+        elif key == "between":
+            assert result.interval is not None
+            assert [amount(result.interval.least), amount(result.interval.most)] == value
+            assert (result.is_open, result.status) == (True, "scored")
+            assert result.score == result.interval.least
         elif key == "terms":
             compare_terms(value, result, cohort)
         elif key == "quantities":

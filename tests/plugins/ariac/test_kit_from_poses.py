@@ -496,17 +496,19 @@ def test_a_state_log_and_a_configuration_say_what_was_handed_in(
     assert (result.status, result.score) == ("scored", score)
 
 
-def test_without_a_configuration_products_may_be_faulty_and_the_score_is_withheld(tmp_path: Path) -> None:
+def test_without_a_configuration_products_may_be_faulty_and_the_score_is_open(tmp_path: Path) -> None:
     result = score_trial(bundle(tmp_path, faulty=None), "ariac2020.as_coded")
 
-    assert (result.status, result.score) == ("incomplete", None)
+    assert result.interval is not None
+    assert (result.score, result.interval.least, result.interval.most) == (0, 0, 8)
     assert any("are faulty" in words for words in result.measured.unrecorded)
 
 
 def test_a_submission_before_the_first_frame_is_undecided(tmp_path: Path) -> None:
     result = score_trial(bundle(tmp_path, faulty="", submitted_s=4.9), "ariac2020.as_coded")
 
-    assert (result.status, result.score) == ("incomplete", None)
+    assert result.interval is not None
+    assert (result.score, result.interval.least, result.interval.most) == (0, 0, 8)
 
 
 def test_shipped_log_maps_find_the_trays_of_their_edition() -> None:
