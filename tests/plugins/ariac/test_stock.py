@@ -746,6 +746,10 @@ def test_the_safe_rules_of_2023_join_the_verdict_with_the_person(
             assert verdicts == {kept}
             printed = [f for f in result.measured.findings.values() if f.check == "order_score"]
             assert [f.quantities["score"] for f in printed] == [8]
+            assert result.is_open is (kept is Verdict.INCONCLUSIVE)
+            assert result.score is not None
+            assert (result.score == 8) is (kept in {Verdict.SATISFIED, Verdict.NOT_APPLICABLE})
+            assert result.score <= 8
 
 
 @pytest.mark.slow
