@@ -15,6 +15,7 @@ from ariac_score.report.figures import amount_text, count_in_words, rounded_poin
 from ariac_score.report.openness import open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.words import capital
+from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
 from ariac_score.results.sketch import DrawnChart
 from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
@@ -168,7 +169,7 @@ class _Teller:
         broken = {key: one for key, one in found.items() if one.verdict is Verdict.VIOLATED}
         if not broken:
             if any(one.verdict is Verdict.INCONCLUSIVE for one in found.values()):
-                return "whether it was safe is undecided"
+                return "whether it was safe is undecided" + (self._cost(1) if self.supposed else "")
             kept = any(one.verdict is Verdict.SATISFIED for one in found.values())
             return "no violation of safety" if kept else "nothing was there to judge for safety"
         taken = taken_by(self.result.ledger)
@@ -186,6 +187,7 @@ class _Teller:
         if parts is None:
             return ""
         it = "that" if count == 1 else "together they"
+        it = f"with what was not seen {it}" if self.supposed else it
         if not parts.safety:
             return f"; {it} cost nothing"
         if parts.safety > 0:
@@ -265,6 +267,20 @@ class _Teller:
     @cached_property
     def found(self) -> Mapping[str, Finding]:
         return self.result.measured.findings
+
+    @cached_property
+    def supposed(self) -> bool:
+        """Whether the world whose score counts has violations of safety that nobody saw."""
+        if self.result.score is None:
+            return False
+        with suppress(ScoreError):
+            return any(
+                one.verdict is Verdict.VIOLATED
+                and one.check in self.about_safety
+                and self.found.get(key) != one
+                for key, one in counted(self.result, self.rules).items()
+            )
+        return False
 
     @cached_property
     def places(self) -> Places:

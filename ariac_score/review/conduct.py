@@ -6,14 +6,17 @@ Of a run all follows from its result; of a team from its runs, weighted as the r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.errors import ScoreError
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import Cell, RunOutcome, TeamRank
 from ariac_score.ranking.violations import Clause, clause_of
+from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import gains_by_check
 from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
@@ -87,9 +90,10 @@ class RunConduct:
     Attributes:
         parts: Its score by task and safety; `None` where it cannot be split.
         approach: Its worst approach; `None` where no monitor demands a distance, or none was seen.
-        violated: How many violations of safety there are, by clause.
+        violated: How many violations of safety were seen, by clause.
         undecided: How many findings of safety could not be decided, by standard.
-        breaches: The violations, at most `MOST_BREACHES`, those of safety first, dear ones first.
+        breaches: The violations that were seen and those that are counted because the log leaves them
+            open, at most `MOST_BREACHES`, those of safety first, dear ones first.
         left_out: How many violations are not listed.
         gains: By how much the score would have been higher had one check found nothing wrong.
         priced: Whether the score depends on a check of safety.
@@ -140,6 +144,8 @@ def conduct_of_run(result: Result) -> RunConduct:
     """What a result says of task, safety and approaches; after decisions of stewards, where there are any."""
     rules = rule_set_from_text(result.rules, file="the rules in the result")
     monitors = frozenset(safety_checks(rules, result.measured))
+    seen = result.measured.findings
+    findings = {**seen, **_counted(result, rules)}
     taken = taken_by(result.ledger)
     breaches = [
         Breach(
@@ -151,13 +157,13 @@ def conduct_of_run(result: Result) -> RunConduct:
             finding.span.start_s if finding.span else None,
             taken[key].amount if key in taken else None,
         )
-        for key, finding in result.measured.findings.items()
+        for key, finding in findings.items()
         if finding.verdict is Verdict.VIOLATED
     ]
     breaches.sort(key=lambda breach: (not breach.watched, breach.cost or Decimal(0)))
     violated: dict[Clause, int] = {}
     for breach in breaches:
-        if breach.watched:
+        if breach.watched and breach.finding in seen and seen[breach.finding].verdict is Verdict.VIOLATED:
             violated[breach.clause] = violated.get(breach.clause, 0) + 1
     undecided: dict[str, int] = {}
     for finding in result.measured.findings.values():
@@ -174,6 +180,14 @@ def conduct_of_run(result: Result) -> RunConduct:
         undecided,
         not monitors.isdisjoint(rules.sheet.priced),
     )
+
+
+def _counted(result: Result, rules: RuleSet) -> Mapping[str, Finding]:
+    """The findings of the world whose score counts; as they were seen where there is no score."""
+    if result.score is not None:
+        with suppress(ScoreError):
+            return counted(result, rules)
+    return result.measured.findings
 
 
 def _parts(result: Result, rules: RuleSet) -> TaskAndSafety | None:

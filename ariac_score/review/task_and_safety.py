@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 
+from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError
-from ariac_score.results.doubt import left_open
+from ariac_score.results.doubt import counted, left_open
 from ariac_score.results.result import Measured, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
@@ -71,6 +74,7 @@ def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndS
 
     The ledger shares what mistakes in the work and violations took together; here the work comes
     first, so that the first number is the one that an official scorer without monitors would print.
+    Where the log leaves something open, both parts are those of the world whose score counts.
 
     Args:
         result: The result.
@@ -84,7 +88,11 @@ def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndS
     has_task = bool(rules.sheet.priced - about)
     if not about:
         return TaskAndSafety(result.score, Decimal(0), has_task, has_safety=False)
-    task = task_points(measured, rules, result.cohort)
+    try:
+        findings = counted(result, rules)
+    except FormulaError:
+        return None
+    task = _without(findings, about, measured, rules, result.cohort)
     return None if task is None else TaskAndSafety(task, result.score - task, has_task)
 
 
@@ -96,9 +104,23 @@ def task_points(measured: Measured, rules: RuleSet, cohort: CohortValues) -> Dec
         rules: What it is worth.
         cohort: The values across teams and runs it is priced with.
     """
-    about = frozenset(safety_checks(rules, measured))
-    kept = ideal({key: f for key, f in measured.findings.items() if f.check in about}, measured.measures)
-    findings = {**measured.findings, **kept}
+    return _without(
+        measured.findings, frozenset(safety_checks(rules, measured)), measured, rules, cohort, is_open=True
+    )
+
+
+def _without(
+    found: Mapping[str, Finding],
+    about: frozenset[str],
+    measured: Measured,
+    rules: RuleSet,
+    cohort: CohortValues,
+    *,
+    is_open: bool = False,
+) -> Decimal | None:
+    """The score of findings, with those of safety kept."""
+    kept = ideal({key: f for key, f in found.items() if f.check in about}, measured.measures)
+    findings = {**found, **kept}
     known = left_open(measured, rules)
     known = replace(known, findings=tuple(one for one in known.findings if one.check not in about))
     try:
@@ -109,7 +131,7 @@ def task_points(measured: Measured, rules: RuleSet, cohort: CohortValues) -> Dec
             rules.policies,
             cohort=_calm(cohort, rules, about),
             measures=measured.measures,
-            left_open=known,
+            left_open=known if is_open else LeftOpen(),
         )
     except FormulaError:
         return None

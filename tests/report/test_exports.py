@@ -94,10 +94,22 @@ def test_the_words_of_a_plugin_are_shown_whole_whatever_they_end_in() -> None:
 
 @pytest.fixture(scope="module")
 def undecided(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """The example without the signals of the human: the score is withheld."""
-    log = tmp_path_factory.mktemp("log") / "trial.jsonl"
+    """The example without the signals of the human, by rules that withhold a score that is open."""
+    return _without_the_human(tmp_path_factory.mktemp("withheld"), "withhold")
+
+
+@pytest.fixture(scope="module")
+def left_open(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """The same by rules under which the worst counts: 0, as the human may have been touched; 28 at most."""
+    return _without_the_human(tmp_path_factory.mktemp("open"), "worst")
+
+
+def _without_the_human(folder: Path, counts: str) -> Result:
     kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
-    return score_trial(write_trial_log(log, kitting_trial(), signals=kept), "paper2020")
+    log = write_trial_log(folder / "trial.jsonl", kitting_trial(), signals=kept)
+    rules = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nopen: {counts}\n"
+    (folder / "mine.yaml").write_text(rules, encoding="utf-8")
+    return score_trial(log, folder / "mine.yaml")
 
 
 def parsed(xml: str) -> ElementTree.Element:
@@ -126,6 +138,16 @@ def test_undecided_is_an_error_in_junit_and_so_is_a_withheld_score(undecided: Re
     error = score.find("error")
     assert error is not None
     assert error.get("type") == "incomplete"
+
+
+def test_an_open_score_is_no_error_in_junit_but_what_is_undecided_is(left_open: Result) -> None:
+    root = parsed(exported(left_open, "junit"))
+    (score,) = [case for case in root.iter("testcase") if case.get("name") == "score"]
+    said = {one.get("name"): one.get("value") for one in root.iter("property")}
+
+    assert score.find("error") is None
+    assert int(root.get("errors", "0")) >= 2
+    assert (said["score"], said["score_least"], said["score_most"]) == ("0", "0", "28")
 
 
 def test_junit_tells_when_by_how_much_and_on_what_evidence() -> None:
@@ -298,7 +320,7 @@ def test_a_withheld_score_is_an_error_and_the_undecided_are_warnings(undecided: 
     commands = [read_command(line) for line in exported(undecided, "github").splitlines()]
 
     assert commands[0][0] == "error"
-    assert commands[0][2].startswith("no score: undecided:")
+    assert commands[0][2].startswith("no score, open between 0 and 28 (neither counts")
     assert any(command == "warning" and "inconclusive" in title for command, title, _ in commands)
 
 

@@ -610,20 +610,18 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert "human" not in plan
 
 
-def test_where_it_is_not_known_whether_a_human_was_there_no_run_counts(tmp_path: Path) -> None:
+def test_where_nobody_knows_whether_a_human_was_there_runs_count_at_their_worst(tmp_path: Path) -> None:
     """Not recorded is not absent: nothing is satisfied, and nothing applies to nobody."""
     text = made(calm_competition(tmp_path / "c", bodies_witnessed=False), tmp_path)
     words = seen(text)
     site = tmp_path / "out"
     says_no_nonsense(site)
 
-    assert "4 runs do not count because something about them could not be decided" in words
-    assert len(re.findall(r"undecided ?trial: the log shows no human", words)) == 4
     assert "Not applicable in any run" not in words
     page = seen((site / "trials/alpha/cell-1.html").read_text(encoding="utf-8"))
-    assert "No score" in page
+    assert re.search(r"no less than 0 ?, and no more than 28 points; the lower end counts", page)
     assert "Monitors that had nothing to judge" not in page
-    assert "human contact 1, separation 1, no score until it is decided: the log shows no human" in page
+    assert "human contact 1, separation 1, counted at its worst: the log shows no human" in page
 
 
 # From a competition --------------------------------------------------------------------

@@ -122,7 +122,9 @@ def test_without_words_for_a_mistake_the_check_is_named(example: Result) -> None
 def test_undecided_safety_is_never_said_to_be_kept(example: Result) -> None:
     open_ = with_finding(example, "separation#1", verdict=Verdict.INCONCLUSIVE)
 
-    assert sentences_of(open_)[1] == "Whether it was safe is undecided."
+    assert sentences_of(open_)[1] == (
+        "Whether it was safe is undecided; with what was not seen that cost 8.2 of 28 points."
+    )
 
 
 def withholding(folder: Path) -> Path:

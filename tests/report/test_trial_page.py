@@ -146,12 +146,14 @@ def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(exam
     assert len(_page(result).encode()) < 2_000_000
 
 
-def test_a_withheld_score_is_shown_as_none(tmp_path: Path) -> None:
+def test_a_withheld_score_is_shown_as_what_it_could_be(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
+    rules = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nopen: withhold\n"
+    (tmp_path / "mine.yaml").write_text(rules, encoding="utf-8")
 
-    text = _page(score_trial(log, "paper2020"))
+    text = _page(score_trial(log, tmp_path / "mine.yaml"))
 
-    assert ">No score<" in text
+    assert "points; withheld until what is open is decided" in text
     assert "There is no score to explain" in text
     assert "undecided" in text
 

@@ -35,7 +35,7 @@ from ariac_score.results.sketch import Sketch
 from ariac_score.review.lost_points import recoverable_losses
 from ariac_score.review.task_and_safety import task_and_safety
 from ariac_score.scoring.decimals import in_own_decimals
-from ariac_score.scoring.policy import POLICIES
+from ariac_score.scoring.policy import MADE, POLICIES
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.steward import Adjustment
 from ariac_score.trial.clock import Clock
@@ -92,7 +92,7 @@ def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTH
         ledger=ledger,
         falls=falls,
         chart_words=_chart_words,
-        policies=POLICIES,
+        policies={**POLICIES, **MADE},
         assumed=_assumed(result),
         open_ends=result.interval,
         which_counts=which_counts,
