@@ -668,13 +668,13 @@ def test_another_parameter_of_a_check_measures_again(
 def _asked(patch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
     """Which checks are asked from now on, about which trial."""
     asked: list[tuple[str, str]] = []
-    whole = measure.ask
+    whole = measure.ask_worlds
 
     def ask(plugin: Any, name: str, check: Any, trial: Any, **others: Any) -> Any:
         asked.append((name, trial.id))
         return whole(plugin, name, check, trial, **others)
 
-    patch.setattr(measure, "ask", ask)
+    patch.setattr(measure, "ask_worlds", ask)
     return asked
 
 
