@@ -15,9 +15,10 @@ from ariac_score.review.verify import verify_result
 LOG = """\
 {"record": "trial", "format": "ariac-score-trial-log/1", "id": "run", "facts": {"pace": 3}}
 {"record": "item", "t_s": 1.0, "id": "task_1", "level": "task", "items": [{"id": "bolt_1", "level": "object", "facts": {"kind": "bolt", "weight_kg": 0.25, "found_s": null}}]}
-{"record": "event", "t_s": 0.5, "kind": "competition_start"}
-{"record": "event", "t_s": 2.0, "kind": "competition_end"}
-{"record": "end", "records": 5}
+{"record": "event", "t_s": 0.5, "kind": "competition_started"}
+{"record": "event", "t_s": 1.5, "kind": "crash"}
+{"record": "event", "t_s": 2.0, "kind": "competition_ended"}
+{"record": "end", "records": 6}
 """  # noqa: E501
 
 RULES = """\
@@ -29,7 +30,7 @@ levels: [object, task, trial]
 facts:
   trial: {pace: number}
   object: {kind: text, weight_kg: {type: number, unit: kg}, found_s: number}
-monitors: {crash: {use: ariac.no_event, with: {kind: competition_end}}}
+monitors: {crash: {use: ariac.no_event, with: {kind: crash}}}
 score: SCORE
 """
 
