@@ -73,7 +73,7 @@ def test_everything_it_brings_is_sound(capsys: pytest.CaptureFixture[str]) -> No
     rows = [one for one in brought(Registry()) if one.plugin.distribution == "course-score"]
 
     assert ailments() == []
-    assert len(rows) == 15
+    assert len(rows) == 16
     assert main(["rules", "validate", "course", "course.half"]) == 0
 
 

