@@ -45,16 +45,14 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
         if asked and reason:
             raise LogError(f"completeness is not attested: {reason}", file=file, hint=_RECORD)
     if asked and lacks:
-        raise LogError(
-            f"its recorder received more than the log holds: {lacks[0]}", file=trial.id, hint=_RECORD
-        )
+        raise LogError(f"it is not what its recorder received: {lacks[0]}", file=trial.id, hint=_RECORD)
     open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
     statement = (
         Statement("completeness", NOBODY, detail="; ".join(open_))
         if open_
         else Statement("completeness", RECORDER, tuple(sorted(reasons)), "; ".join(lacks))
     )
-    why = trial.window_open or (f"the log lacks what its recorder received, {lacks[0]}" if lacks else "")
+    why = trial.window_open or (f"the log is not what its recorder received: {lacks[0]}" if lacks else "")
     return replace(trial, window_open=why, statements=tuple(sorted((*trial.statements, statement))))
 
 
@@ -78,19 +76,31 @@ def _reason(found: Attestation | None, prepared: Prepared) -> str:
 
 
 def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
-    """What is missing, or was put in, on topics that say what happened or what was to be done.
+    """What is missing, was put in or moved.
 
-    A sample that is missing is a gap of its signal, and bounded as such.
+    A sample that is missing is a gap of its signal, and bounded as such. One that the recorder did not
+    receive, though it lost none, or that lies at another time, is no sample.
     """
+    read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
     telling = {
         channel.topic
         for channel in prepared.log_map.channels
         if channel.whole or channel.as_consumed or channel.poses == "models"
     }
-    lacking = [str(one) for one in found.lacking if one.topic in telling]
-    put_in = [
-        f"{count} message{'' if count == 1 else 's'} on {topic} that it did not receive"
-        for topic, count in found.unlisted
-        if topic in telling
+    lacking = [f"missing: {one}" for one in found.lacking if one.topic in telling]
+    put_in = dict(found.put_in) | {topic: n for topic, n in found.unlisted if topic in telling}
+    more = [
+        f"put in: {_messages(n)} on {topic} that it did not receive"
+        for topic, n in sorted(put_in.items())
+        if topic in read | telling
     ]
-    return lacking + put_in
+    moved = [
+        f"moved: {_messages(n)} on {topic}, by more than 1 s"
+        for topic, n in found.moved
+        if topic in read | telling
+    ]
+    return lacking + more + moved
+
+
+def _messages(count: int) -> str:
+    return "1 message" if count == 1 else f"{count} messages"

@@ -116,7 +116,8 @@ class Prepared:
         """What is assumed of the time between samples."""
         rules = self.rule_set
         every = rules.between_samples == "bounded"
-        return between_samples(self.log_map.bounds, rules.bounds, every=every)
+        rates_hz = {channel.topic: channel.rate_hz for channel in self.log_map.channels if channel.rate_hz}
+        return between_samples(self.log_map.bounds, rules.bounds, every=every, rates_hz=rates_hz)
 
     @property
     def words(self) -> Words:

@@ -24,6 +24,9 @@ HEARTBEAT, MANIFEST = "/ariac_score/heartbeat", "/ariac_score/manifest"
 FORMAT = "ariac-score-manifest/1"
 _DIGEST_CHARS = 16
 _DIGEST_BYTES = 12
+LATE_NS = 10**9
+"""A message reaches recorder and log at most so far apart; what lies further off was moved."""
+_CLOCKS = ("wall_ns", "ros_ns")
 
 
 class _UnfitError(Exception):
@@ -113,6 +116,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     beats = _chained(found, manifest.recording, stated)
     listed, spans = _listed(beats, stated, origin_ns)
     _refuse_other_counts(listed, stated)
+    _refuse_moved_heartbeats(beats)
     lacking = []
     for topic, digests in sorted(listed.items()):
         missing = digests - found.digests.get(topic, Counter())
@@ -123,6 +127,8 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     return Attestation(
         lacking=tuple(lacking),
         unlisted=tuple(_unlisted(found, listed, beats)),
+        put_in=tuple(_unlisted(found, listed, beats, _lost(stated))),
+        moved=tuple(_moved(found, spans, origin_ns)),
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
         body=manifest.body,
         signature=manifest.signature,
@@ -178,7 +184,7 @@ def _listed(
     before_s = None
     for number, (stamp_ns, content) in enumerate(beats, start=1):
         at_s = (stamp_ns - origin_ns) / 1e9
-        span = Span(min(at_s, at_s if before_s is None else before_s), at_s)
+        span = Span(at_s if before_s is None else min(at_s, before_s), at_s)
         arrived = content.get("topics")
         if not isinstance(arrived, dict):
             raise _UnfitError(f"heartbeat {number} of its recorder has no topics")
@@ -202,14 +208,59 @@ def _refuse_other_counts(listed: Mapping[str, Counter[str]], stated: Mapping[str
             raise _UnfitError(f"its manifest and its heartbeats count other messages on {topic!r}")
 
 
-def _unlisted(
-    found: _Found, listed: Mapping[str, Counter[str]], beats: list[tuple[int, Mapping[str, Any]]]
+def _refuse_moved_heartbeats(beats: list[tuple[int, Mapping[str, Any]]]) -> None:
+    """Refuse heartbeats that the log has at other times than they were sent at, by either of their clocks."""
+    spreads = []
+    for clock in _CLOCKS:
+        late = [stamp_ns - sent for stamp_ns, beat in beats if isinstance(sent := beat.get(clock), int)]
+        if late:
+            spreads.append(max(late) - min(late))
+    if spreads and min(spreads) > LATE_NS:
+        raise _UnfitError(f"its heartbeats were moved, by up to {min(spreads) / 1e9:.1f} s")
+
+
+def _lost(stated: Mapping[str, Any]) -> dict[str, int]:
+    """How many messages of each topic never reached the recorder, by their numbers."""
+    return {
+        topic: sum(one.get("lost") or 0 for one in (block.get("publishers") or {}).values())
+        for topic, block in stated["topics"].items()
+    }
+
+
+def _moved(
+    found: _Found, spans: Mapping[tuple[str, str], list[Span]], origin_ns: int
 ) -> Iterator[tuple[str, int]]:
-    """How many messages between the first and the last heartbeat the recorder did not receive, by topic."""
+    """How many messages lie elsewhere in the log than where the recorder received them, by topic."""
+    late_s = LATE_NS / 1e9
+    first_s = min((span.start_s for every in spans.values() for span in every), default=0.0)
+    for topic, messages in sorted(found.stamps_ns.items()):
+        count = 0
+        for t_ns, digest in messages:
+            if listed := spans.get((topic, digest)):
+                t_s = (t_ns - origin_ns) / 1e9
+                # Whatever came before the first heartbeat is in it.
+                count += not any(
+                    (span.start_s <= first_s or span.start_s - late_s <= t_s) and t_s <= span.end_s + late_s
+                    for span in listed
+                )
+        if count:
+            yield topic, count
+
+
+def _unlisted(
+    found: _Found,
+    listed: Mapping[str, Counter[str]],
+    beats: list[tuple[int, Mapping[str, Any]]],
+    lost: Mapping[str, int] | None = None,
+) -> Iterator[tuple[str, int]]:
+    """How many messages between the first and the last heartbeat the recorder did not receive, by topic.
+
+    With `lost`, only those that it did not lose either: not what came while it closed its books.
+    """
     if not beats:
         return
-    first_ns, last_ns = beats[0][0], beats[-1][0]
+    first_ns, last_ns = beats[0][0], beats[-1][0] - (LATE_NS if lost else 0)
     for topic, digests in sorted(listed.items()):
         inside = Counter(d for t_ns, d in found.stamps_ns.get(topic, ()) if first_ns <= t_ns <= last_ns)
-        if more := (inside - digests).total():
+        if (more := (inside - digests).total() - (lost or {}).get(topic, 0)) > 0:
             yield topic, more

@@ -275,6 +275,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
+        rate_hz=float(data.get("rate_hz", 0.0)),
         as_consumed=data.get("as_consumed", False),
         event=NamedEvent(**data["event"]) if "event" in data else None,
         numbers=tuple(NumberField(n, f["field"], f["unit"]) for n, f in data.get("numbers", {}).items()),
@@ -290,6 +291,8 @@ def _contradictions(data: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "numbers", "no event has its 'numbers'", "add 'event:', or the 'decoder:' that makes the events"
     if data.get("as_consumed") and not data.get("signals"):
         yield "as_consumed", "a channel without signals has nothing as consumed", "map its 'signals:'"
+    if "rate_hz" in data and not data.get("signals"):
+        yield "rate_hz", "a channel without signals has no rate", "map its 'signals:', or leave it out"
     for key in sorted({"event", "facts"} & data.keys()) if "poses" in data else ():
         yield key, f"a channel of poses has no {key!r}", "give the topic a second channel"
 

@@ -47,10 +47,13 @@ class Stream:
     Attributes:
         signal: One of the recorded signals.
         open: Which intervals are open, shape (n + 1,).
+        published_s: How far apart its samples would be as an organiser states it, s, where they are much
+            further apart in this recording; 0 otherwise.
     """
 
     signal: Signal
     open: BoolArray
+    published_s: float = 0.0
 
     @property
     def t(self) -> FloatArray:
@@ -76,12 +79,15 @@ class Stream:
         inside = (t >= window.start_s) & (t <= window.end_s)
         steps = np.diff(t[inside])
         usual = float(np.median(steps)) if len(steps) else math.inf
+        stated = assumed.usual_s.get(signal.source, math.inf)
+        thinned, usual = usual > USUAL_INTERVALS * stated, min(usual, stated)
         longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]
         missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
-        return cls(signal, (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S))
+        unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
+        return cls(signal, unseen, stated if thinned else 0.0)
 
     def edges(self, window: Span) -> FloatArray:
         """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""

@@ -463,7 +463,7 @@ def _causes(
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             lengths = 1000.0 * (ends - starts)[kept]
             stored = spans if len(spans) <= MOST_SPANS else _merged(spans)[:MOST_SPANS]
-            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}"
+            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}{_thinned(opened, source)}"
             found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
 
@@ -487,6 +487,12 @@ def _late(opened: Sequence[Stream]) -> dict[str, str]:
         for source, late_s in found.items()
         if late_s >= 0.0005
     }
+
+
+def _thinned(opened: Sequence[Stream], source: str) -> str:
+    """That a source is recorded less often than it is published, in words; empty where it is not."""
+    published_s = max((one.published_s for one in opened if one.signal.source == source), default=0.0)
+    return f", which is published every {1000.0 * published_s:g} ms" if published_s else ""
 
 
 def _gaps(lengths_ms: Sequence[float]) -> str:

@@ -37,6 +37,8 @@ class Attestation:
         problem: Why nothing is attested, in words: it was not closed, or does not fit; empty where it fits.
         lacking: What was received and is not in the log, in order of topics.
         unlisted: How many messages the log has of each topic that the recorder did not receive.
+        put_in: The same, without those that it may have lost: what nobody sent.
+        moved: How many messages of each topic the log has at other times than the recorder received them.
         unattested: Topics of the log that the recorder did not listen to.
         body: The manifest, whose bytes are signed.
         signature: The text of the signature; empty where there is none.
@@ -45,6 +47,8 @@ class Attestation:
     problem: str = ""
     lacking: tuple[Lacking, ...] = ()
     unlisted: tuple[tuple[str, int], ...] = ()
+    put_in: tuple[tuple[str, int], ...] = ()
+    moved: tuple[tuple[str, int], ...] = ()
     unattested: tuple[str, ...] = ()
     body: str = ""
     signature: str = ""

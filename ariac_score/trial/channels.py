@@ -80,6 +80,7 @@ class Channel:
         decoder: Name of the plugin that turns its messages into work, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
+        rate_hz: How often it is published, as its organiser states; 0: nobody says.
         as_consumed: Whether its signals are series, every value in the order of the recording; see `Series`.
         event: What every message is, where no decoder says it.
         numbers: What the events of the topic carry.
@@ -94,6 +95,7 @@ class Channel:
     decoder: str = ""
     witnesses: tuple[str, ...] = ()
     optional: bool = False
+    rate_hz: float = 0.0
     as_consumed: bool = False
     event: NamedEvent | None = None
     numbers: tuple[NumberField, ...] = ()

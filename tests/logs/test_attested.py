@@ -68,7 +68,8 @@ def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[R
             came = [digest(m) for m in now if m.topic == topic]
             topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
             counted[topic] += len(came)
-        body = _json({"recording": RECORDING, "sequence": second + 1, "topics": topics})
+        sent = (second + 1) * 10**9 - 1
+        body = _json({"recording": RECORDING, "sequence": second + 1, "ros_ns": sent, "topics": topics})
         chain = _sha256(chain + body)
         beat = {"recording": RECORDING, "sequence": second + 1, "body": body, "chain": chain}
         out.append(recorder("heartbeat", "Heartbeat", (second + 1) * 10**9 - 1, beat))
@@ -218,6 +219,8 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
         if "body" in m.fields
     ]
     put_in = [*whole, replace(events()[1], t_ns=6 * 10**9)]
+    moved = [replace(m, t_ns=8_100_000_000) if m.fields.get("kind") == "arm_collision" else m for m in whole]
+    stretched = [replace(m, t_ns=2 * m.t_ns) for m in whole]
     cases = {
         "no manifest": (events(), "no recorder's manifest is in it"),
         "never closed": (whole[:-1], "did not close its manifest"),
@@ -226,11 +229,24 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
         "of another recording": (other, "recording '7f3c"),
         "not signed": (attested(events(), lambda _: ""), "it is not signed"),
         "signed by nobody known": (attested(events(), lambda _: "RW"), "its signature is none"),
+        "a message moved": (sorted(moved, key=lambda m: m.t_ns), "moved: 1 message on /ariac_score/events"),
+        "all messages moved, heartbeats too": (stretched, "its heartbeats were moved, by up to 9.0 s"),
         "a message put in": (sorted(put_in, key=lambda m: m.t_ns), "that it did not receive"),
     }
     for name, (messages, words) in cases.items():
         with subtests.test(name), pytest.raises(LogError, match=words):
             scored(tmp_path, messages, attesting(signing))
+
+
+def test_a_message_that_reached_the_log_a_second_late_was_not_moved(tmp_path: Path, signing: Signing) -> None:
+    late = [
+        replace(m, t_ns=6_900_000_000) if m.fields.get("kind") == "arm_collision" else m
+        for m in attested(events(), signing[1])
+    ]
+
+    found = scored(tmp_path, sorted(late, key=lambda m: m.t_ns), attesting(signing))
+
+    assert completeness(found) == "recorder: "
 
 
 def test_who_asks_for_attested_logs_names_a_key(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ def trial(
     stated: Mapping[str, Any] = STATED,
     every: bool = False,
     ended: bool = True,
+    rate_hz: float = 0.0,
 ) -> Trial:
     """A robot and a human whose distance was sampled at some times."""
     t = np.array([*distance_m], dtype=np.float64)
@@ -43,7 +44,7 @@ def trial(
         signals={signal.name: signal},
         events=(Event(float(t[0]), COMPETITION_STARTED), *ends),
         recorded=Span(float(t[0]), float(t[-1])),
-        between=between_samples({}, stated, every=every),
+        between=between_samples({}, stated, every=every, rates_hz={"/scanner": rate_hz} if rate_hz else None),
     )
 
 
@@ -132,6 +133,20 @@ def test_every_interval_is_bounded_where_the_rules_ask_for_it() -> None:
     assert found(HumanContact(), trial(still))[1] == []
     (worlds,) = found(HumanContact(), trial(still, every=True))[1]
     assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
+
+
+@pytest.mark.parametrize(("rate_hz", "gaps"), [(100.0, 50), (74.0, 0), (76.0, 50), (50.0, 0), (0.0, 0)])
+def test_every_second_sample_left_out_is_a_gap_where_a_rate_is_stated(rate_hz: float, gaps: int) -> None:
+    """At 20 ms: a gap is longer than 1.5 intervals, so of 13.3 ms at 75 Hz."""
+    thinned = {round(0.02 * k, 9): 0.004 for k in range(51)}
+
+    opened = found(HumanContact(), trial(thinned, rate_hz=rate_hz))[1]
+
+    assert [cause.text for one in opened for cause in one.causes] == (
+        [f"{gaps} gaps of 20 to 20 ms on /scanner, which is published every {1000 / rate_hz:g} ms"]
+        if gaps
+        else []
+    )
 
 
 def test_leaving_samples_out_never_makes_the_worst_world_better() -> None:

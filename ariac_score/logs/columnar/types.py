@@ -27,7 +27,14 @@ from ariac_score.logs.columnar.service_events import event_definition
 from ariac_score.logs.columnar.wide_text import UNITS, WideDecoder, plain_definition, widened
 from ariac_score.logs.containers.items import Connection
 
-__all__ = ["Decode", "UnknownTypeError", "bundled_typestore", "column_decoder_for", "decoder_for"]
+__all__ = [
+    "Decode",
+    "UnknownTypeError",
+    "bundled_typestore",
+    "column_decoder_for",
+    "compiled_store_of",
+    "decoder_for",
+]
 
 
 Decode = Callable[["bytes | memoryview"], object]
@@ -111,7 +118,7 @@ def decoder_for(connection: Connection) -> Decode:
         UnknownTypeError: The encoding is not one of ROS, no definition of the type is
             known, or the recording's own definition cannot be understood.
     """
-    store, name = _compiled_store_of(connection), connection.type
+    store, name = compiled_store_of(connection), connection.type
     deserialise = store.deserialize_ros1 if connection.encoding == "ros1" else store.deserialize_cdr
 
     def decode(payload: bytes | memoryview) -> object:
@@ -141,16 +148,16 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
     try:
         return ColumnDecoder(_store_of(connection), connection.type, cdr=cdr, wanted=paths)
     except PlanError:
-        _compiled_store_of(connection)  # where a definition is at fault, rosbags says what it lacks
+        compiled_store_of(connection)  # where a definition is at fault, rosbags says what it lacks
         raise
 
 
 def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
-    stores = {unit: _compiled_store_of(connection, unit) for unit in UNITS}
+    stores = {unit: compiled_store_of(connection, unit) for unit in UNITS}
     return WideDecoder(stores, connection.type, wanted=wanted)
 
 
-def _compiled_store_of(connection: Connection, unit: str = "") -> Typestore:
+def compiled_store_of(connection: Connection, unit: str = "") -> Typestore:
     """The type store of a connection, once rosbags has generated its code for the type."""
     store = _store_of(connection, unit)
     with _refusing_definitions():

@@ -1,0 +1,1 @@
+"""An adversary: what doctored copies of a log, or other behaviour, would score."""
