@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     )
     from ariac_score.checks.findings import Finding, Limit, Verdict
     from ariac_score.checks.measures import Measure
+    from ariac_score.checks.open_findings import Cause, Worlds
     from ariac_score.checks.parameters import (
         ParameterFacts,
         Status,
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
     from ariac_score.results.cohort_file import Cohort, load_cohort
     from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result
     from ariac_score.results.result_file import as_json, load_result
+    from ariac_score.scoring.directions import directions
     from ariac_score.scoring.expression import Expression, add_up
     from ariac_score.scoring.ruleset import RuleSet, load_rule_set
     from ariac_score.terminal.output import write_output
@@ -209,6 +211,9 @@ _MODULE_OF = {
     "as_json": "ariac_score.results.result_file",
     "check_parameters": "ariac_score.checks.parameters",
     "did_you_mean": "ariac_score.errors",
+    "directions": "ariac_score.scoring.directions",
+    "Cause": "ariac_score.checks.open_findings",
+    "Worlds": "ariac_score.checks.open_findings",
     "episodes_where": "ariac_score.trial.spans",
     "exact_sum": "ariac_score.trial.sums",
     "load_cohort": "ariac_score.results.cohort_file",
@@ -241,6 +246,7 @@ __all__ = [
     "Alignment",
     "Arrivals",
     "Body",
+    "Cause",
     "Chart",
     "Charting",
     "Clock",
@@ -317,6 +323,7 @@ __all__ = [
     "Verdict",
     "Wanted",
     "WorkItem",
+    "Worlds",
     "YamlDocument",
     "add_up",
     "align",
@@ -324,6 +331,7 @@ __all__ = [
     "as_json",
     "check_parameters",
     "did_you_mean",
+    "directions",
     "episodes_where",
     "exact_sum",
     "first_announced",

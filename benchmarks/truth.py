@@ -1,30 +1,41 @@
 """Whether the interval of a recording contains the true score, in every one of many simulated trials.
 
-    python benchmarks/truth.py [--trials 300] [--first 0] [--seconds 8] [--table FILE]
+    python benchmarks/truth.py [--trials 360] [--first 0] [--seconds 4] [--kept FILE]
 
 A trial is simulated at 1 kHz: one or two robots and one to three humans that walk, dash, stop and turn,
 none faster than the rules state. Its true score is that of all the samples. It is recorded through a model
-of a recorder (its rate, jitter, bursts, drops, a kill) and measured again under `between_samples: bounded`.
-The true score has to lie between the scores of the two worlds. Then an adversary leaves out the samples
-around the worst violation, and the worst end may not be above the truth. Exits with 1 where anything of it
-fails, naming the seed.
+of a recorder and measured again under `between_samples: bounded`. The true score has to lie between the
+scores of the two worlds. Then an adversary leaves out samples, and the end that counts may not be above the
+truth; it is compared with that of the honest recording, too. Last, the recorder is held to the usual rules
+(`between_samples: held`), whose width is reported as well. Exits with 1 where anything of it fails, naming
+the seed. With `--kept` each trial is a line of a file, and a run that was stopped goes on where it was.
+
+The recorders:
+
+    steady    every sample at its time
+    jitter    samples up to 45 % of an interval early or late, stamped when they were
+    late      stamped on arrival, up to 30 ms late, which the rules state as `time_error_s`
+    bursts    nothing for a while, then the newest alone
+    drops     15 % are lost
+    killed    likewise, and nothing of the last fifth, nor of the end
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ariac_score.checks.findings import Finding
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import Prepared, prepare
+from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import rule_set_from_text
@@ -32,9 +43,12 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.window import with_window
 
 STEP_S = 0.001
 HUMAN_M_S, ROBOT_M_S = 1.6, 1.0
+LATE_S = 0.03
+ROUNDING = 2e-6
 
 RULES = """
 id: truth
@@ -45,19 +59,20 @@ between_samples: {between}
 bounds:
   human: {{max_speed_m_s: 1.6, source: the simulation}}
   robot: {{max_speed_m_s: 1.0, source: the simulation}}
-  time_error_s: 0.001
+  time_error_s: {error_s}
 monitors:
   separation:
     use: iso_ts_15066.ssm_separation
-    with: {{profile: seed, t1_s: 0.2, t2_s: 0.3, delta_m: 0.5, max_gap_s: {gap}}}
+    with: {{profile: seed, t1_s: 0.2, t2_s: 0.3, delta_m: 0.5, max_gap_s: 0.05}}
   human_contact:
     use: ariac.human_contact
-    with: {{distance: separation, contact_distance_m: 0.05, max_gap_s: {gap}}}
+    with: {{distance: separation, contact_distance_m: 0.05, max_gap_s: 0.05}}
 score: 20 * gate(human_contact) / (1 + 0.4 * demerits(separation, tau_s=5)) - seconds(separation) / 10
 """
 
 RATES_HZ = (2.0, 5.0, 10.0, 25.0, 50.0, 100.0)
-MODELS = ("steady", "jitter", "bursts", "drops", "killed")
+MODELS = ("steady", "jitter", "late", "bursts", "drops", "killed")
+ADVERSARIES = ("the worst", "every other", "all but a few", "whatever is near")
 
 
 # The world -------------------------------------------------------------------------------------
@@ -65,16 +80,18 @@ MODELS = ("steady", "jitter", "bursts", "drops", "killed")
 
 def walk(random: np.random.Generator, steps: int, fastest_m_s: float, start: FloatArray) -> FloatArray:
     """Positions of a body that walks, dashes, stops and turns, shape (steps, 3), m."""
-    velocity, left = np.zeros((steps, 2)), 0
-    heading, speed = random.uniform(0, 2 * np.pi), 0.0
-    for step in range(steps):
-        if left == 0:
-            left = int(random.uniform(0.05, 1.2) / STEP_S)
-            speed = fastest_m_s * random.choice([0.0, random.random(), 1.0])
-            heading = random.choice([heading, heading + np.pi, random.uniform(0, 2 * np.pi)])
-        velocity[step] = speed * np.cos(heading), speed * np.sin(heading)
-        left -= 1
-    places = start + np.concatenate([np.zeros((1, 2)), np.cumsum(velocity[:-1] * STEP_S, axis=0)])
+    most = int(steps * STEP_S / 0.05) + 1  # as many stretches of the shortest kind as there can be
+    lasts = (random.uniform(0.05, 1.2, size=most) / STEP_S).astype(int)
+    speeds = fastest_m_s * np.choose(
+        random.integers(3, size=most), [np.zeros(most), random.random(most), 1.0]
+    )
+    # Onwards, back, or anywhere.
+    turns = np.choose(random.integers(3, size=most), [0.0, np.pi, random.uniform(0, 2 * np.pi, size=most)])
+    headings = np.cumsum(turns)
+    velocity = np.repeat(
+        speeds[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1), lasts, axis=0
+    )
+    places = start + np.concatenate([np.zeros((1, 2)), np.cumsum(velocity[: steps - 1] * STEP_S, axis=0)])
     return np.column_stack([places, np.ones(steps)])
 
 
@@ -87,7 +104,7 @@ def world(random: np.random.Generator, seconds: float) -> Trial:
     signals = {}
     for body in bodies:
         fastest = ROBOT_M_S if body.kind == "robot" else HUMAN_M_S
-        start = random.uniform(-1.5, 1.5, size=2)
+        start = random.uniform(-2.5, 2.5, size=2)
         name = f"position/{body.id}"
         signals[name] = Signal(name, "m", t, walk(random, steps, fastest, start), f"/{body.id}")
     return Trial(
@@ -109,9 +126,8 @@ def kept_rows(random: np.random.Generator, steps: int, rate_hz: float, model: st
     rows = np.arange(0.0, steps, every)
     if model == "jitter":
         rows = rows + random.uniform(-0.45, 0.45, size=len(rows)) * every
-    if model == "bursts":  # nothing for a while, then the newest alone
-        silent = random.random(len(rows)) < 0.3
-        rows = rows[~silent]
+    if model == "bursts":
+        rows = rows[random.random(len(rows)) >= 0.3]
     if model in ("drops", "killed"):
         rows = rows[random.random(len(rows)) > 0.15]
     found = np.unique(np.clip(np.round(rows), 0, steps - 1).astype(int))
@@ -123,54 +139,70 @@ def recorded(random: np.random.Generator, trial: Trial, rate_hz: float, model: s
     signals = {}
     for name, signal in trial.signals.items():
         rows = kept_rows(random, len(signal), rate_hz, model)
-        signals[name] = replace(signal, t=signal.t[rows], values=signal.values[rows])
+        t, values = signal.t[rows], signal.values[rows]
+        if model == "late":  # messages come in their order, and of those that come at once the newest counts
+            t = np.maximum.accumulate(t + random.uniform(0.0, LATE_S, size=len(t)))
+            newest = np.append(np.diff(t) > 0, True) & (t <= signal.t[-1])
+            t, values = t[newest], values[newest]
+        signals[name] = replace(signal, t=t, values=values)
     if model != "killed":
         return replace(trial, signals=signals)
     end_s = max((float(one.t[-1]) for one in signals.values() if len(one)), default=0.0)
     span = Span(0.0, max(end_s, STEP_S))
-    return replace(trial, signals=signals, events=trial.events[:1], recorded=span)
+    return with_window(replace(trial, signals=signals, events=trial.events[:1], recorded=span), "")
 
 
-def without_the_worst(trial: Trial, measured: Measured) -> Trial:
-    """What an adversary leaves of a recording: nothing within 0.2 s of where the worst violation begins."""
-    bad = [f for f in measured.findings.values() if f.robustness is not None and f.span is not None]
-    if not bad:
-        return trial
-    worst = min(bad, key=lambda f: (f.robustness or 0.0, f.subject))
-    at_s = worst.span.start_s if worst.span else 0.0
-    signals = {
-        name: replace(one, t=one.t[far], values=one.values[far])
-        for name, one in trial.signals.items()
-        if (far := np.abs(one.t - at_s) > 0.2).any()
-    }
-    return replace(trial, signals={**trial.signals, **signals})
+def robbed(random: np.random.Generator, trial: Trial, truth: Measured, adversary: str) -> Trial:
+    """What an adversary, who knows the truth, leaves of a recording."""
+    spans = [f.span for f in truth.findings.values() if f.span is not None and f.verdict.value == "violated"]
+    signals = {}
+    for name, one in trial.signals.items():
+        stays = np.ones(len(one.t), dtype=bool)
+        if adversary == "every other":
+            stays = np.arange(len(one.t)) % 2 == 0
+        elif adversary == "all but a few":
+            stays = random.random(len(one.t)) < 0.2
+        elif adversary == "whatever is near":
+            for span in spans:
+                stays &= (one.t < span.start_s - 0.1) | (one.t > span.end_s + 0.1)
+        elif spans:
+            worst = max(spans, key=lambda span: (span.duration_s, span.start_s))
+            stays = np.abs(one.t - worst.start_s) > 0.2
+        signals[name] = replace(one, t=one.t[stays], values=one.values[stays]) if stays.any() else one
+    return replace(trial, signals=signals)
 
 
 # Scores ----------------------------------------------------------------------------------------
 
 
-def rules(between: str, gap_s: float) -> Prepared:
+@cache
+def rules(between: str, error_s: float = 0.001) -> Prepared:
     """The rules, prepared."""
-    return prepare(rule_set_from_text(RULES.format(between=between, gap=gap_s), file="truth"))
+    return prepare(rule_set_from_text(RULES.format(between=between, error_s=error_s), file="truth"))
 
 
-def score_of(measured: Measured, prepared: Prepared, findings: Mapping[str, Finding]) -> float:
-    """The score of some findings; NaN where it is withheld."""
-    sheet, policies = prepared.rule_set.sheet, prepared.rule_set.policies
-    priced = price(findings, measured.scopes, sheet, policies, digits=9, measures=measured.measures)
-    return float("nan") if priced.ledger is None else float(priced.ledger.amount)
+def score_of(measured: Measured, prepared: Prepared) -> tuple[float, float]:
+    """Least and greatest score, as every result has them; infinite where nothing bounds it."""
+    rule_set = prepared.rule_set
+    priced = price(
+        measured.findings,
+        measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        digits=6,
+        measures=measured.measures,
+        left_open=left_open(measured, rule_set),
+    )
+    if priced.interval is not None:
+        return float(priced.interval.least), float(priced.interval.most)
+    if priced.ledger is None:
+        return -np.inf, np.inf
+    return float(priced.ledger.amount), float(priced.ledger.amount)
 
 
-def ends_of(measured: Measured, prepared: Prepared) -> tuple[float, float]:
-    """The scores of the worst and of the best world; the formula falls with every violation."""
-    opened = {(one.check, one.subject) for one in measured.open}
-    seen = {k: f for k, f in measured.findings.items() if (f.check, f.subject) not in opened}
-    worlds = [dict(seen), dict(seen)]
-    for one in measured.open:
-        worlds[0] |= {f"{key}/{one.subject}": f for key, f in one.worst.items()}
-        worlds[1] |= {f"{key}/{one.subject}": f for key, f in one.best.items()}
-    worst, best = (score_of(measured, prepared, findings) for findings in worlds)
-    return worst, best
+def ends_of(trial: Trial, prepared: Prepared) -> tuple[float, float]:
+    """Least and greatest score of a recording."""
+    return score_of(measure_trial(prepared.derived(trial), prepared), prepared)
 
 
 @dataclass(frozen=True)
@@ -182,9 +214,11 @@ class Tried:
         rate_hz: Of its recording.
         model: Of its recorder.
         true: Its score.
-        least: Of its recording in the worst world.
+        least: Of its recording, in the worst world.
         most: In the best world.
-        robbed: The worst end once an adversary left samples out.
+        held: Width of the interval where every usual interval counts as seen.
+        adversary: Who left samples out.
+        robbed: The worst end then.
     """
 
     seed: int
@@ -193,70 +227,101 @@ class Tried:
     true: float
     least: float
     most: float
+    held: float
+    adversary: str
     robbed: float
+
+    @property
+    def width(self) -> float:
+        """How long the interval is."""
+        return self.most - self.least
 
     @property
     def holds(self) -> bool:
         """Whether the interval contains the truth, and the adversary gained nothing."""
-        return (
-            self.least <= self.true + 1e-6
-            and self.true <= self.most + 1e-6
-            and self.robbed <= self.true + 1e-6
-        )
+        inside = self.least - ROUNDING <= self.true <= self.most + ROUNDING
+        return inside and self.robbed <= self.true + ROUNDING
 
 
 def tried(seed: int, seconds: float) -> Tried:
     """One trial, simulated, recorded and scored."""
     random = np.random.default_rng(seed)
     rate_hz, model = RATES_HZ[seed % len(RATES_HZ)], MODELS[(seed // len(RATES_HZ)) % len(MODELS)]
-    truth = world(random, seconds)
-    seen, bounded = rules("held", 0.05), rules("bounded", 0.05)
-    whole = measure_trial(seen.derived(truth), seen)
+    adversary = ADVERSARIES[(seed // (len(RATES_HZ) * len(MODELS))) % len(ADVERSARIES)]
+    truth, error_s = world(random, seconds), LATE_S if model == "late" else 0.001
+    bounded, held = rules("bounded", error_s), rules("held", error_s)
+    whole = measure_trial(held.derived(truth), held)
     log = recorded(random, truth, rate_hz, model)
-    measured = measure_trial(bounded.derived(log), bounded)
-    robbed = without_the_worst(log, whole)
-    again = measure_trial(bounded.derived(robbed), bounded)
-    least, most = ends_of(measured, bounded)
-    true = score_of(whole, seen, whole.findings)
-    return Tried(seed, rate_hz, model, true, least, most, ends_of(again, bounded)[0])
+    least, most = ends_of(log, bounded)
+    least_held, most_held = ends_of(log, held)
+    again, _ = ends_of(robbed(random, log, whole, adversary), bounded)
+    true, _ = score_of(whole, held)
+    return Tried(seed, rate_hz, model, true, least, most, most_held - least_held, adversary, again)
+
+
+# Reports ---------------------------------------------------------------------------------------
 
 
 def table(found: list[Tried]) -> str:
-    """Trials, how many hold, and the mean width, by rate and recorder."""
+    """By rate and recorder: the mean width, bounded and held, and how many intervals hold the truth."""
     groups: dict[tuple[float, str], list[Tried]] = defaultdict(list)
     for one in found:
         groups[one.rate_hz, one.model].append(one)
     lines = ["| rate, Hz | " + " | ".join(MODELS) + " |", "|---:|" + "---:|" * len(MODELS)]
     for rate_hz in RATES_HZ:
-        cells = []
-        for model in MODELS:
-            own = groups.get((rate_hz, model), [])
-            width = float(np.mean([one.most - one.least for one in own])) if own else float("nan")
-            cells.append(f"{width:.2f} ({sum(one.holds for one in own)} of {len(own)})" if own else "")
+        cells = [_cell(groups.get((rate_hz, model), [])) for model in MODELS]
         lines.append(f"| {rate_hz:g} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _cell(own: list[Tried]) -> str:
+    if not own:
+        return ""
+    width, held = (float(np.mean([number(one) for one in own])) for number in (_width, _held))
+    return f"{width:.2f}, {held:.2f} ({sum(one.holds for one in own)} of {len(own)})"
+
+
+def _width(one: Tried) -> float:
+    return one.width
+
+
+def _held(one: Tried) -> float:
+    return one.held
+
+
+def kept(file: Path | None) -> list[Tried]:
+    """The trials that an earlier run left in a file."""
+    if file is None or not file.exists():
+        return []
+    lines = file.read_text(encoding="utf-8").splitlines()
+    return [Tried(**json.loads(line)) for line in lines]
 
 
 def main() -> int:
     """Try many trials, print the table, and name the seeds that fail."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=300)
+    parser.add_argument("--trials", type=int, default=360)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--table", type=Path)
+    parser.add_argument("--seconds", type=float, default=4.0)
+    parser.add_argument("--kept", type=Path)
     given = parser.parse_args()
-    found = []
-    for seed in range(given.first, given.first + given.trials):
-        found.append(tried(seed, given.seconds))
-        if not found[-1].holds:
-            print(f"does not hold: {found[-1]}", flush=True)
-        if given.table and seed % 25 == 24:
-            given.table.write_text(table(found), encoding="utf-8")
-    print(table(found), end="")
+    seeds = range(given.first, given.first + given.trials)
+    known = {one.seed: one for one in kept(given.kept)}
+    for seed in seeds:
+        if seed in known:
+            continue
+        one = known[seed] = tried(seed, given.seconds)
+        if not one.holds:
+            print(f"does not hold: {one}", flush=True)
+        if given.kept:
+            with given.kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(one)) + "\n")
+    found = [known[seed] for seed in seeds]
     failed = [one.seed for one in found if not one.holds]
+    gained = sum(one.robbed > one.least + ROUNDING for one in found)
+    print(table(found), end="")
     print(f"{len(found)} trials, {len(failed)} fail{': ' + str(failed[:20]) if failed else ''}")
-    if given.table:
-        given.table.write_text(table(found), encoding="utf-8")
+    print(f"{gained} adversaries raised the end that counts above that of the honest recording")
     return 1 if failed else 0
 
 

@@ -21,6 +21,7 @@
 speed beyond its limit for 0.08 s; at worst 0.500 m/s (at most 0.250), at 0.080 s
 """
 
+from ariac_score.monitors.between import FilledSignals, worlds_between
 from ariac_score.monitors.encounter import (
     APART,
     EXPOSURE_DISTANCE_M,
@@ -80,6 +81,7 @@ __all__ = [
     "Bound",
     "Encounter",
     "Episode",
+    "FilledSignals",
     "FindingRules",
     "JudgedLimit",
     "LimitMonitor",
@@ -110,4 +112,5 @@ __all__ = [
     "violations_only",
     "watch_subjects",
     "watched_signals",
+    "worlds_between",
 ]

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.vectors import dot, lengths
 
 __all__ = [
     "Ends",
@@ -251,21 +253,21 @@ def distance_to_lens(
     [1.5]
     """
     to_first, to_second, along = point - first, point - second, second - first
-    d1, d2, apart = (np.sqrt(np.sum(v * v, axis=-1)) for v in (to_first, to_second, along))
+    d1, d2, apart = lengths(to_first), lengths(to_second), lengths(along)
     outside_first, outside_second = d1 - first_m, d2 - second_m
     simple = np.maximum(np.maximum(outside_first, outside_second), 0.0)
     # The nearest point of a ball counts if the other ball has it too; else the nearest is on both rims.
     on_first = first + to_first * _ratio(first_m, d1)[..., None]
     on_second = second + to_second * _ratio(second_m, d2)[..., None]
-    in_second = np.sqrt(np.sum((on_first - second) ** 2, axis=-1)) <= second_m
-    in_first = np.sqrt(np.sum((on_second - first) ** 2, axis=-1)) <= first_m
+    in_second = lengths(on_first - second) <= second_m
+    in_first = lengths(on_second - first) <= first_m
     direct = ((outside_first > 0) & in_second) | ((outside_second > 0) & in_first)
     inside = (outside_first <= 0) & (outside_second <= 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = (apart * apart + first_m * first_m - second_m * second_m) / (2.0 * apart)
-        ahead = np.sum(to_first * along, axis=-1) / apart
+        ahead = dot(to_first, along) / apart
     rim = np.sqrt(np.maximum(first_m * first_m - middle * middle, 0.0))
-    aside = np.sqrt(np.maximum(np.sum(to_first * to_first, axis=-1) - ahead * ahead, 0.0))
+    aside = np.sqrt(np.maximum(dot(to_first, to_first) - ahead * ahead, 0.0))
     to_rim = np.sqrt((ahead - middle) ** 2 + (aside - rim) ** 2)
     found = np.where(direct | inside | ~np.isfinite(to_rim), simple, np.maximum(to_rim, simple))
     return np.asarray(found, dtype=np.float64)
@@ -291,7 +293,7 @@ class _Place:
     since_m: FloatArray
     until_m: FloatArray
 
-    @property
+    @cached_property
     def balls(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Centre and radius of each, and of the ball around where both overlap, as far as it is smaller."""
         return (self.before, self.since_m), (self.after, self.until_m), self._overlap
@@ -299,7 +301,7 @@ class _Place:
     @property
     def _overlap(self) -> tuple[FloatArray, FloatArray]:
         along = self.after - self.before
-        apart = _length(along)
+        apart = lengths(along)
         both = np.isfinite(self.since_m) & np.isfinite(self.until_m) & (apart > 0)
         since, until, apart = (np.where(both, one, 1.0) for one in (self.since_m, self.until_m, apart))
         middle = (apart * apart + since * since - until * until) / (2.0 * apart)
@@ -314,7 +316,8 @@ class _Place:
         both = np.isfinite(self.since_m) & np.isfinite(self.until_m)
         since, until = (np.where(both, one, 0.0) for one in (self.since_m, self.until_m))
         of_lens = distance_to_lens(point, self.before, since, self.after, until)
-        of_balls = [np.maximum(_length(point - centre) - radius, 0.0) for centre, radius in self.balls[:2]]
+        sides = (self.before, self.since_m), (self.after, self.until_m)
+        of_balls = [np.maximum(lengths(point - centre) - radius, 0.0) for centre, radius in sides]
         return np.where(both, of_lens, np.maximum(*of_balls))
 
 
@@ -341,12 +344,8 @@ def places_apart(
         least = np.maximum(least, second.distance_from(centre) - radius)
     for here, here_m in first.balls:
         for there, there_m in second.balls:
-            most = np.minimum(most, _length(here - there) + here_m + there_m)
+            most = np.minimum(most, lengths(here - there) + here_m + there_m)
     return least, most
-
-
-def _length(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.sum(vectors * vectors, axis=-1)))
 
 
 # Episodes --------------------------------------------------------------------------------------

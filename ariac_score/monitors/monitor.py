@@ -10,6 +10,7 @@ import numpy as np
 
 from ariac_score.checks.contracts import InstantVerdict, OnlineWatch, SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.in_gaps import InGaps
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
@@ -26,6 +27,7 @@ from ariac_score.monitors.limits import (
 )
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
+from ariac_score.monitors.unseen import DISTANCES, SPEEDS
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
 from ariac_score.monitors.worlds import Worse, Worsening, open_worlds, whole_window
 from ariac_score.trial.chart import Chart
@@ -105,6 +107,15 @@ class SubjectMonitor:
         best; where it does not, a limit counts as broken there at worst, and as kept at best.
         """
         return {}
+
+    @property
+    def in_gaps(self) -> InGaps:
+        """What it leaves open where samples lack, as `worse` has it."""
+        if not self.wanted or not self.worse.keys() >= self.wanted.keys():
+            return "blunt"
+        (name, *others) = self.wanted
+        alone = quantity_of(name) in (*DISTANCES, *SPEEDS) and not (others or self.optional or self.flags)
+        return "tight" if alone else "outer"
 
     @property
     def clause(self) -> str:
@@ -195,7 +206,7 @@ class _Unseen:
     def _says(self) -> Worsening:
         measures = getattr(self.monitor, "measures", {})
         t_off_s = getattr(self.monitor, "t_off_s", 0.0)
-        return Worsening(self.monitor.worse, measures, t_off_s, self.monitor.rules.clause)
+        return Worsening(self.monitor.worse, measures, t_off_s, self.monitor.rules.clause, self.monitor.flags)
 
     @property
     def _critical(self) -> bool:

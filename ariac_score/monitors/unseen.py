@@ -15,6 +15,7 @@ from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
+from ariac_score.trial.vectors import lengths
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
 __all__ = ["Broken", "Cells", "Stream", "Unseen", "broken_bounds", "cells_of"]
@@ -215,9 +216,9 @@ class Unseen:
             self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
         return self._streams[signal.name]
 
-    def _error_s(self, stream: Stream) -> float:
-        """By how much the stamps of a stream may be wrong, s: times of arrival jitter."""
-        return max(self.assumed.time_error_s, stream.signal.stamp_jitter_s)
+    def error_s(self, signal: Signal) -> float:
+        """By how much the stamps of a recorded signal may be wrong, s: times of arrival jitter."""
+        return max(self.assumed.time_error_s, signal.stamp_jitter_s)
 
     def _recorded(self, signal: Signal) -> list[Signal]:
         if not isinstance(signal, Computed):
@@ -261,7 +262,7 @@ class Unseen:
         quantity, motion = quantity_of(signal.name), self.motion(signal.name)
         if motion is None or not len(signal):
             return None
-        sides = [_Sides.of(stream, cells, self._error_s(stream)) for stream in self.streams(signal)]
+        sides = [_Sides.of(stream, cells, self.error_s(stream.signal)) for stream in self.streams(signal)]
         is_open = np.any([one.open for one in sides], axis=0)
         total = sum(one.max_speed_m_s for one in motion)
         if quantity in DISTANCES:
@@ -331,7 +332,7 @@ class Unseen:
             if position is None or motion is None or not len(position):
                 return None
             stream = self._stream(position)
-            sides = _Sides.of(stream, cells, self._error_s(stream))
+            sides = _Sides.of(stream, cells, self.error_s(stream.signal))
             values = position.values[:, :components]
             before, after = sides.values(values)
             held = position.at(cells.t)[:, :components]
@@ -340,7 +341,7 @@ class Unseen:
             before = np.where((known | np.isinf(since_m))[:, None], held, before)
             after = np.where((known | np.isinf(until_m))[:, None], held, after)
             since_m, until_m = np.where(known, 0.0, since_m), np.where(known, 0.0, until_m)
-            step = np.sqrt(np.sum((after - before) ** 2, axis=1))
+            step = lengths(after - before)
             broken = np.flatnonzero(sides.open & (step > since_m + until_m + 1e-9))
             if len(broken):
                 self.remarks[
@@ -361,7 +362,7 @@ class Unseen:
                 low, high = self._from_places(recorded, one, top, change)
             else:
                 values = recorded.values
-                column = np.sqrt(np.sum(values * values, axis=1)) if values.ndim > 1 else values
+                column = lengths(values) if values.ndim > 1 else values
                 before, after = one.values(column)
                 high = highest_speed(before, after, one.since_s, one.until_s, speed=top, acceleration=change)
                 low = lowest_speed(before, after, one.since_s, one.until_s, acceleration=change)
@@ -381,7 +382,7 @@ class Unseen:
         t = np.concatenate(([-np.inf], position.t, [np.inf]))
         gap_s = t[sides.after + 1] - t[sides.before + 1]
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = np.sqrt(np.sum((after - before) ** 2, axis=1)) / gap_s
+            mean = lengths(after - before) / gap_s
             swing = change * gap_s / 2.0
         loose = ~np.isfinite(mean) | ~np.isfinite(swing)
         high = np.where(loose, top, np.minimum(mean + swing, top))
@@ -454,15 +455,15 @@ def _broken(
     quantity, top = quantity_of(signal.name), sum(one.max_speed_m_s for one in motion)
     steps_s = np.diff(t) + 2.0 * assumed.time_error_s
     if quantity in (*SPEEDS, "velocity"):
-        column = np.sqrt(np.sum(values * values, axis=1)) if values.ndim > 1 else values
+        column = lengths(values) if values.ndim > 1 else values
         change = np.abs(np.diff(values, axis=0))
-        change = np.sqrt(np.sum(change * change, axis=1)) if change.ndim > 1 else change
+        change = lengths(change) if change.ndim > 1 else change
         return _first_above(t, column, top, "m/s") or _first_above(
             t[1:], change / steps_s, motion[0].max_acceleration_m_s2, "m/s2"
         )
     if quantity == "position" or quantity in DISTANCES:
         change = np.diff(values, axis=0)
-        way = np.sqrt(np.sum(change * change, axis=1)) if change.ndim > 1 else np.abs(change)
+        way = lengths(change) if change.ndim > 1 else np.abs(change)
         needed = np.maximum(way - 2.0 * assumed.distance_error_m, 0.0) / steps_s
         return _first_above(t[1:], needed, top, "m/s")
     return None

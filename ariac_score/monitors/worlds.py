@@ -19,14 +19,26 @@ from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.monitors.limits import JudgedLimit, Statement
-from ariac_score.monitors.unseen import Cells, Stream, Unseen, cells_of
+from ariac_score.monitors.unseen import DISTANCES, SPEEDS, Cells, Stream, Unseen, cells_of
 from ariac_score.monitors.watched import UndecidedError, Watched
+from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span
 from ariac_score.trial.sums import exact_sum
+from ariac_score.trial.vocabulary import quantity_of
 
-__all__ = ["Opened", "Worse", "Worsening", "open_worlds", "whole_window"]
+__all__ = [
+    "Opened",
+    "Worse",
+    "Worsening",
+    "alike",
+    "blunt_worlds",
+    "causes_of_cells",
+    "merged",
+    "open_worlds",
+    "whole_window",
+]
 
 Worse: TypeAlias = Literal["low", "high"]
 """Which end of a signal is the worse one."""
@@ -50,12 +62,14 @@ class Worsening:
         measures: The quantities of its findings.
         t_off_s: Pauses shorter than this are bridged, s.
         clause: Where the standard asks for it.
+        flags: What else it reads, and a sample of which stands for a while.
     """
 
     signals: Mapping[str, Worse]
     measures: Mapping[str, Measure]
     t_off_s: float
     clause: str
+    flags: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +118,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         spans = list(watched.gaps)
         if assumed.every:
             spans += [span for stream in opened for span in stream.spans(window)]
-        return _blunt(watched, judge, monitor, opened, _merged(spans)) if spans else None
+        return _blunt(watched, judge, monitor, opened, merged(spans)) if spans else None
     except UndecidedError:
         return None
 
@@ -164,12 +178,27 @@ def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) ->
     fewest = _joined(_findings(best), _findings(worst))
     extra = _further(least, most, _findings(worst), monitor)
     said = {gap: words for gap in watched.gaps if (words := _said(gap, least, most))}
-    agree = not extra and _alike(fewest, _findings(worst))
-    # One distance is bounded by two paths that may have been; more signals need not go together.
-    tight = len(known) == 1 and not extra and fewest == _findings(best) and not grid.unseen.remarks
-    causes = _causes(grid.opened, grid.window, tuple(grid.unseen.remarks), _differing(least, most))
+    agree = not extra and alike(fewest, _findings(worst))
+    tight = _is_path(grid, monitor, known, optional) and not extra and fewest == _findings(best)
+    causes = causes_of_cells(grid.opened, grid.window, tuple(grid.unseen.remarks), _differing(least, most))
     worlds = Worlds(watched.subject.name, tuple(fewest), (*_findings(worst), *extra), causes, tight)
     return Opened(worlds, tuple(worst), agree, said)
+
+
+def _is_path(
+    grid: _Grid, monitor: Worsening, known: Mapping[str, object], optional: Mapping[str, object]
+) -> bool:
+    """Whether both ends of all signals together are paths that may have been.
+
+    Those of one distance or speed that is recorded are (McShane). Where positions bound it, each instant is
+    reached, but not all by one path; several signals need not have their worst together; and of stamps that
+    may be wrong the extremes leave the samples.
+    """
+    (name, *others) = known
+    signal, unseen = grid.signals[name], grid.unseen
+    recorded = not isinstance(signal, Computed) and quantity_of(signal.name) in (*DISTANCES, *SPEEDS)
+    loose = others or optional or unseen.remarks or monitor.flags or unseen.error_s(signal)
+    return recorded and not loose
 
 
 def _statements(watched: Watched, judge: Judge) -> list[Statement]:
@@ -301,7 +330,7 @@ def _runs(t: FloatArray, holds: BoolArray) -> list[Span]:
     ]
 
 
-def _alike(best: Sequence[Finding], worst: Sequence[Finding]) -> bool:
+def alike(best: Sequence[Finding], worst: Sequence[Finding]) -> bool:
     """Whether both worlds have the same findings; a margin that is kept may be smaller in the one."""
     return len(best) == len(worst) and all(map(_same, best, worst))
 
@@ -324,18 +353,35 @@ def _blunt(
 ) -> Opened:
     """Kept in the best world, broken at full depth in the worst, in every open span."""
     seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
-    best = _findings(seen)
-    broken = [finding for span in spans for finding in _all_of(watched.subject.name, span, monitor, best)]
-    worst = [one for one in best if one.verdict is Verdict.VIOLATED] + broken
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    causes = _causes_of(opened, spans)
-    name, decided = watched.subject.name, [one for one in best if one.verdict is not Verdict.INCONCLUSIVE]
-    undecided = [one for one in best if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
-    for one in undecided:  # as what else a monitor reads, and a gap hides
-        worst += _all_of(name, one.span or spans[0], monitor, best)
-    kept = _bridged(decided, spans) or [_kept(name, monitor)]
-    worlds = Worlds(name, tuple(kept), tuple(worst), causes)
+    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans)
     return Opened(worlds, tuple(seen), agree=False, said=said)
+
+
+def blunt_worlds(
+    subject: str,
+    seen: Sequence[Finding],
+    monitor: Worsening,
+    opened: Sequence[Stream],
+    spans: Sequence[Span],
+) -> Worlds:
+    """Both worlds where nothing says what can have been in some spans.
+
+    Args:
+        subject: Whom they are about.
+        seen: What the samples show.
+        monitor: What it measures.
+        opened: The streams that lack samples.
+        spans: Where they do; at least one.
+    """
+    broken = [finding for span in spans for finding in _all_of(subject, span, monitor, seen)]
+    worst = [one for one in seen if one.verdict is Verdict.VIOLATED] + broken
+    decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
+    for one in seen:  # as what else a monitor reads, and a gap hides
+        if one.verdict is Verdict.INCONCLUSIVE and one.span is not None:
+            worst += _all_of(subject, one.span, monitor, seen)
+    kept = _bridged(decided, spans) or [_kept(subject, monitor)]
+    return Worlds(subject, tuple(kept), tuple(worst), _causes_of(opened, spans))
 
 
 def _bridged(findings: Sequence[Finding], spans: Sequence[Span]) -> list[Finding]:
@@ -382,7 +428,8 @@ def _all_of(subject: str, span: Span, monitor: Worsening, seen: Sequence[Finding
     return [worst, *(_touch(worst, span.start_s + k * monitor.t_off_s) for k in range(again))]
 
 
-def _merged(spans: Iterable[Span]) -> list[Span]:
+def merged(spans: Iterable[Span]) -> list[Span]:
+    """Spans in time order, those that touch as one."""
     found: list[Span] = []
     for span in sorted(spans):
         if found and span.start_s <= found[-1].end_s + 1e-9:
@@ -440,7 +487,7 @@ MOST_SPANS = 1000
 """Of a cause, stretches that are kept; its text counts them all."""
 
 
-def _causes(
+def causes_of_cells(
     opened: Sequence[Stream],
     window: Span,
     remarks: tuple[str, ...],
@@ -462,7 +509,7 @@ def _causes(
             kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             lengths = 1000.0 * (ends - starts)[kept]
-            stored = spans if len(spans) <= MOST_SPANS else _merged(spans)[:MOST_SPANS]
+            stored = spans if len(spans) <= MOST_SPANS else merged(spans)[:MOST_SPANS]
             words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}{_thinned(opened, source)}"
             found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))

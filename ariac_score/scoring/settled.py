@@ -157,8 +157,10 @@ def _is_tight(settled: Settled) -> bool:
     for end, at in ((settled.least, settled.at_least), (settled.most, settled.at_most)):
         moved = [one for one in variables if one.key in end.pins or _inner(one.key, end.pins)]
         sides = {end.pins.get(one.key) for one in moved}
-        # Verdicts that have to be wrong and right at once may exclude each other.
-        if len(sides) > 1 or not all(one.tight for one in moved):
+        # Verdicts that have to be wrong and right at once may exclude each other, and so may several about
+        # one item: what lies in one slot lies in no other, and a simulator that stops judges none.
+        items = [one.subject.partition("/")[0] for one in moved if one.is_verdict]
+        if len(sides) > 1 or len({*items}) < len(items) or not all(one.tight for one in moved):
             return False
         if not end.is_reached or at is None or not _are_close(at, end.value):
             return False

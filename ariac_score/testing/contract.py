@@ -21,9 +21,10 @@ from typing import Any
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule, SignalNeed
 from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.in_gaps import IN_GAPS, in_gaps_of
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Registry
-from ariac_score.engine.ask import BUDGET_S, ask, budget_of, margins_of
+from ariac_score.engine.ask import BUDGET_S, ask, ask_worlds, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import LogError, PluginError
 from ariac_score.installed.captured_output import fault_of
@@ -43,6 +44,7 @@ from ariac_score.testing.online_contract import OnlineChecks
 from ariac_score.testing.reader_contract import reader_checks
 from ariac_score.testing.stopwatch import OutOfTime, Stopwatch
 from ariac_score.testing.variants import HOLLOW, SIGNAL_VARIANTS, bare, only, reordered, shifted, without
+from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
 
@@ -52,6 +54,10 @@ __all__ = ["BUDGET_S", "contract_checks"]
 SHIFT_S = 64.0
 """How much later the shifted trial starts, s."""
 
+OURS = "ariac-score"
+"""The distribution whose monitors have to say what gaps leave open."""
+
+_LISTED = ", ".join(IN_GAPS)
 _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
 
 
@@ -112,6 +118,7 @@ class _Checked:
             named += [
                 ("needs_declared", "it uses no signal that it does not declare", self.needs_declared),
                 ("missing_signals", "missing signals are inconclusive, not assumed", self.missing_signals),
+                ("in_gaps", "it says what a gap leaves open, and leaves it open", self.in_gaps),
             ]
             named += [
                 (variant, f"signals with a fault ({variant.replace('_', ' ')}) are no reason to guess", run)
@@ -301,6 +308,26 @@ class _Checked:
         # One at a time, for a plugin may trip over the second signal once it has the first.
         for quantity in self.needed():
             self.ask(without(self.trial, [quantity]))
+
+    def in_gaps(self) -> None:
+        """First-party monitors say what gaps leave open; whoever says it keeps it."""
+        said = in_gaps_of(self.check)
+        if said is None:
+            if self.plugin.distribution == OURS:
+                raise self.broken(f"does not say what a gap leaves open: 'in_gaps' is one of {_LISTED}")
+            return
+        if said not in IN_GAPS:
+            raise self.broken(f"says that a gap leaves {said!r} open; 'in_gaps' is one of {_LISTED}")
+        if said == "unsampled" and self.needed():
+            raise self.broken(f"says that it reads no samples, and needs {self.needed()[0]!r}")
+        if said in ("tight", "outer") and not hasattr(self.check, "watch_worlds"):
+            raise self.broken("says that gaps are bounded, and has no 'watch_worlds' that bounds them")
+        # Bounded by nothing but how fast bodies are by default, in all of two gaps of two seconds.
+        gappy = replace(SIGNAL_VARIANTS["gaps"](self.trial), between=between_samples({}, {}))
+        found, opened = ask_worlds(self.plugin, "contract", self.check, gappy, notice=lambda _o, _f: None)
+        silent = not opened and all(f.verdict is not Verdict.INCONCLUSIVE for f in found)
+        if said == "blunt" and silent and any(f.verdict is Verdict.SATISFIED for f in found):
+            raise self.broken("says that a gap may hide anything, and is satisfied across two of 2 s")
 
     def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:
         for name in SIGNAL_VARIANTS:

@@ -159,6 +159,7 @@ class NoEvent:
     kind: str = parameter("arm_collision", source="which events; ARIAC 2019-2022")
     critical: bool = parameter(False, source="whether each is a critical event")
 
+    in_gaps: ClassVar[str] = "unsampled"
     measures: ClassVar[Mapping[str, Measure]] = {}  # it counts, and measures nothing
 
     def needs(self) -> Iterator[SignalNeed]:
@@ -312,6 +313,7 @@ class CollisionEpisodes:
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
+    in_gaps: ClassVar[str] = "blunt"
     measures: ClassVar[Mapping[str, Measure]] = _OF_COLLISION
 
     def __post_init__(self) -> None:

@@ -12,6 +12,7 @@ from ariac_score import (
     Chart,
     Finding,
     Sample,
+    Signal,
     Span,
     Trial,
     Verdict,
@@ -71,7 +72,8 @@ class Judgement:
         *,
         decided: bool,
     ) -> None:
-        self._settings, self._subject, self._recorded = settings, subject, recorded
+        self.subject = subject
+        self._settings, self._recorded = settings, recorded
         self._decided, self._labels = decided, {"spec_sha256": settings.spec_sha256}
         self._stream = Stream([item.topic for item in recorded])
         columns = Columns(machine.matcher, self._stream)
@@ -85,6 +87,11 @@ class Judgement:
     def _unit(self, row: int) -> str:
         """The unit of a margin: that of the field which an inequality limits."""
         return self._recorded[int(self._stream.topic[row])].unit(int(self._field[row]))
+
+    @property
+    def signals(self) -> dict[str, Signal]:
+        """What it reads, by name."""
+        return {one.name: one for item in self._recorded for one in item.signals.values()}
 
     # Margins -----------------------------------------------------------------------------
 
@@ -103,7 +110,7 @@ class Judgement:
         least = np.minimum.reduceat(np.where(known, margin, inf), first)
         has_margin = np.isfinite(least)
         return Chart(
-            self._subject,
+            self.subject,
             "margin of the specification",
             units.pop(),
             t,
@@ -178,7 +185,7 @@ class Judgement:
         )
         final = " and nothing later is judged" if self._settings.after == "once" else ""
         return Finding(
-            self._subject,
+            self.subject,
             Verdict.VIOLATED,
             f"{many} rejected{final}{by}, {where}",
             span=span,
@@ -216,7 +223,7 @@ class Judgement:
         t_s, bound = float(self._stream.t[row]), float(self._bound[row])
         if not isfinite(bound) or not isfinite(self._margin[row]):
             return samples
-        return (*samples, Sample(f"bound/{self._subject}", t_s, bound, self._unit(row)))
+        return (*samples, Sample(f"bound/{self.subject}", t_s, bound, self._unit(row)))
 
     def _not_judged(self, trial: Trial, error: RmlRunError) -> Finding:
         at, span, where = self._watch.error_at, trial.window, "the beginning"
@@ -225,7 +232,7 @@ class Judgement:
             where = f"event {at + 1}, at {t_s:.3f} s"
             span = span and Span(min(t_s, span.end_s), span.end_s)
         message = f"cannot be judged from {where}: {error}"
-        return Finding(self._subject, Verdict.INCONCLUSIVE, message, span=span, labels=self._labels)
+        return Finding(self.subject, Verdict.INCONCLUSIVE, message, span=span, labels=self._labels)
 
     def _end(self, trial: Trial) -> list[Finding]:
         """The finding about a trial that ends where the specification may not."""
@@ -245,16 +252,16 @@ class Judgement:
                 "the end of the competition"
             )
             verdict = Verdict.INCONCLUSIVE
-        return [Finding(self._subject, verdict, message, span=Span(end_s, end_s), labels=self._labels)]
+        return [Finding(self.subject, verdict, message, span=Span(end_s, end_s), labels=self._labels)]
 
     def _kept(self) -> Finding:
         if not np.isfinite(self._margin).any():
             message = f"all {len(self._stream)} events are accepted"
-            return Finding(self._subject, Verdict.SATISFIED, message, labels=self._labels)
+            return Finding(self.subject, Verdict.SATISFIED, message, labels=self._labels)
         closest = int(np.nanargmin(self._margin))
         margin, unit = max(float(self._margin[closest]), 0.0), self._unit(closest)
         return Finding(
-            self._subject,
+            self.subject,
             Verdict.SATISFIED,
             f"at its closest {margin:.3f}{unit and ' '}{unit} within its limit, "
             f"at {self._stream.t[closest]:.3f} s",

@@ -18,11 +18,13 @@ from ariac_score import (
     Measure,
     MissingSignalError,
     OnlineWatch,
+    Signal,
     SignalNeed,
     Trial,
+    Worlds,
     parameter,
 )
-from ariac_score.monitors import severity_measures
+from ariac_score.monitors import severity_measures, worlds_between
 from ariac_score_rml.faults import RmlError, RmlRunError
 from ariac_score_rml.guards import TOLERANCE
 from ariac_score_rml.judging import Judgement, Settings
@@ -31,7 +33,7 @@ from ariac_score_rml.online import EventsOnline, SignalsOnline, Wanted
 from ariac_score_rml.progress import AfterViolation
 from ariac_score_rml.recorded import Recorded, TopicSource, subjects, topic_sources
 from ariac_score_rml.running import Program, compile_rml
-from ariac_score_rml.syntax import Literal_, OrPattern, Pattern, RecordPattern
+from ariac_score_rml.syntax import Chain, Event, Literal_, OrPattern, Pattern, Post, RecordPattern
 from ariac_score_rml.tokens import Dialect
 
 __all__ = ["RmlSpec"]
@@ -74,6 +76,7 @@ class RmlSpec:
         **severity_measures("m"),
         "time_in_violation_s": Measure("s", best=0.0, meaning="how long rejected events stand"),
     }
+    in_gaps: ClassVar[str] = "blunt"
     example: ClassVar[Mapping[str, Any]] = {
         "spec": "apart matches {topic: 'snapshot', distance: d} with d >= 5.0; Main = apart*;",
         "events": {"snapshot": {"distance": "centre_distance/{robot}/{human}"}},
@@ -118,6 +121,44 @@ class RmlSpec:
         """Findings for every subject: its violations, or that there are none."""
         for outcome in self._outcomes(trial):
             yield from (outcome,) if isinstance(outcome, Finding) else outcome.findings(trial)
+
+    def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
+        """The same, and what any events that a gap may hide leave open.
+
+        Of a specification that remembers what was before, everything from the first gap on is open.
+        """
+        found: dict[str, list[Finding]] = {}
+        signals: dict[str, dict[str, Signal]] = {}
+        for outcome in self._outcomes(trial):
+            if isinstance(outcome, Finding):
+                found.setdefault(outcome.subject, []).append(outcome)
+            else:
+                found.setdefault(outcome.subject, []).extend(outcome.findings(trial))
+                signals[outcome.subject] = outcome.signals
+        for subject, own in found.items():
+            yield from worlds_between(
+                trial,
+                subject,
+                signals.get(subject, {}),
+                own,
+                max_gap_s=self.max_gap_s,
+                measures=self.measures,
+                t_off_s=self.t_off_s,
+                remembers=self._remembers,
+            )
+
+    @property
+    def _remembers(self) -> bool:
+        """Whether what an event means may hang on those before it; not where Main repeats one alone."""
+        program: Program | None = getattr(self, "_program", None)
+        equations = () if program is None else program.spec.equations
+        if self.after_violation == "once" or len(equations) != 1:
+            return True
+        body = equations[0].body
+        if not (isinstance(body, Post) and body.op == "star"):
+            return True
+        options = body.body.parts if isinstance(body.body, Chain) and body.body.op == "or" else (body.body,)
+        return not all(isinstance(one, Event) for one in options)
 
     def margins(self, trial: Trial) -> Iterator[Chart]:
         """The margin of every event by inequalities over numbers, where all have one unit."""

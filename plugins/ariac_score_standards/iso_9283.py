@@ -122,6 +122,7 @@ class PoseAttained:
         for angles from memory.
     """
 
+    in_gaps: ClassVar[str] = "blunt"
     example: ClassVar[Mapping[str, Any]] = {
         "link": "tcp",
         "commanded_m": [1.5, 1.5, 1.5],

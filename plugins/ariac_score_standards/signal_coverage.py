@@ -72,6 +72,7 @@ class SignalCoverage:
     """
 
     part_of: ClassVar[str] = "task"
+    in_gaps: ClassVar[str] = "reported"
 
     quantities: tuple[str, ...] = parameter(("position",), source="what the other monitors read")
     min_coverage: float = parameter(0.99, unit="1", at_least=0, at_most=1, source="catalogue, M19")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
@@ -21,10 +21,11 @@ from ariac_score import (
     Signal,
     SignalNeed,
     Trial,
+    Worlds,
     align,
     parameter,
 )
-from ariac_score.monitors import nobody
+from ariac_score.monitors import FilledSignals, nobody, worlds_between
 from ariac_score_stl.judging import JudgedFormula
 from ariac_score_stl.margins import Beyond
 from ariac_score_stl.online import FormulaOnline
@@ -33,6 +34,7 @@ from ariac_score_stl.signals import Source, Subject, check_name, parse_source, s
 from ariac_score_stl.specification import Specification
 from ariac_score_stl.syntax import STEPS, Node, StlError, parse
 from ariac_score_stl.units import check_units
+from ariac_score_stl.worlds import is_monotone, predicates_of_world
 
 __all__ = ["StlFormula"]
 
@@ -169,6 +171,43 @@ class StlFormula:
             else:
                 yield from outcome.findings()
             del outcome  # the columns of one subject go before those of the next one are made
+
+    @property
+    def in_gaps(self) -> str:
+        """`outer` where every predicate goes one way with its signals; else nothing is known in a gap."""
+        return "outer" if is_monotone(self.specification) else "blunt"
+
+    def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
+        """The same, and for what gaps leave open the findings of the best and of the worst world."""
+        # What looks back may see anything into a gap; of long gaps the findings themselves say how far.
+        remembers = trial.between is not None and trial.between.every
+        for outcome in self._outcomes(trial):
+            if isinstance(outcome, Finding):
+                yield outcome
+                continue
+            yield from worlds_between(
+                trial,
+                outcome.subject,
+                outcome.signals,
+                list(outcome.findings()),
+                max_gap_s=self.max_gap_s,
+                measures=self.measures,
+                t_off_s=self.t_off_s,
+                clause=self.clause,
+                judge=partial(self._in_world, outcome) if is_monotone(self.specification) else None,
+                remembers=remembers,
+            )
+            del outcome  # as in `watch`
+
+    def _in_world(self, outcome: Outcome, filled: FilledSignals, worst: bool) -> list[Finding]:
+        """The findings of one world; no sample is evidence of it."""
+        # Nothing lacks in it: what was not seen has its end there.
+        specification = replace(self.specification, max_gap_s=outcome.span.duration_s + 1.0)
+        predicates = predicates_of_world(specification, filled, worst=worst)
+        columns = filled.least if worst else filled.most
+        judged = JudgedFormula(specification, filled.t, columns, outcome.span, predicates=predicates)
+        found = Outcome(judged, outcome.subject, outcome.signals).findings()
+        return [replace(one, evidence=()) for one in found]
 
     def margins(self, trial: Trial) -> Iterator[Chart]:
         """The robustness at every sample that is judged, where all predicates share a unit.

@@ -30,6 +30,7 @@ class JudgedFormula:
         columns: Values of the signals at these times, shape (n,), by the names used in the formula.
         span: The trial.
         holes: Stretches between samples of which nothing is known, however short.
+        predicates: The margins of predicates, where they are not those of the columns.
 
     Attributes:
         body: What is judged at every moment of `stretch`: all of the formula, or what follows its `always`.
@@ -55,11 +56,14 @@ class JudgedFormula:
         columns: Mapping[str, FloatArray],
         span: Span,
         holes: Sequence[Span] = (),
+        predicates: Mapping[Node, FloatArray] | None = None,
     ) -> None:
         self.specification, self.t, self.columns, self.span = specification, t, columns, span
         self.body = specification.body
         self.gaps = uncovered_spans(t, span, max_gap_s=specification.max_gap_s, holes=holes)
-        self.predicates = margins(specification.tree, {**columns, **specification.constants}, len(t))
+        if predicates is None:
+            predicates = margins(specification.tree, {**columns, **specification.constants}, len(t))
+        self.predicates = predicates
         self.stretch, self.ends_beyond, self.begins_beyond = self._stretch()
         self._by_margin = self._by_truth = self._evaluate(self.predicates)
         self.begin, margin = self._moments(self._by_margin)

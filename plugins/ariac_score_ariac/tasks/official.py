@@ -184,6 +184,7 @@ class OfficialTrialScore:
 
     part_of: ClassVar[str] = "task"
 
+    in_gaps: ClassVar[str] = "unsampled"
     measures: ClassVar[Mapping[str, Measure]] = _OF_TRIAL
 
     requires: tuple[OfTrial, ...] = ("total",)

@@ -97,6 +97,7 @@ class RunRecord:
 
     part_of: ClassVar[str] = "task"
 
+    in_gaps: ClassVar[str] = "unsampled"
     measures: ClassVar[Mapping[str, Measure]] = _FACTS
     also_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 

@@ -48,6 +48,7 @@ class SensorCost:
 
     part_of: ClassVar[str] = "task"
 
+    in_gaps: ClassVar[str] = "unsampled"
     measures: ClassVar[Mapping[str, Measure]] = _MEASURES
 
     prices: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))

@@ -1,0 +1,141 @@
+"""Worlds for monitors that judge signals in their own way: their samples, filled with what may have been."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.measures import Measure
+from ariac_score.checks.open_findings import Worlds
+from ariac_score.monitors.unseen import Cells, Stream, Unseen, cells_of
+from ariac_score.monitors.worlds import Worsening, alike, blunt_worlds, causes_of_cells, merged
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
+
+__all__ = ["FilledSignals", "worlds_between"]
+
+
+@dataclass(frozen=True, eq=False)
+class FilledSignals:
+    """What some signals can have been at every moment of a competition, cell by cell.
+
+    Attributes:
+        t: When each cell begins, shape (n,), s; the last one is the end of the competition.
+        least: The least of each signal in each cell, shape (n,), by the name it was given under.
+        most: The most, likewise; the same where it was seen.
+        open: In which cells one of them was not seen, shape (n,).
+    """
+
+    t: FloatArray
+    least: Mapping[str, FloatArray]
+    most: Mapping[str, FloatArray]
+    open: BoolArray
+
+
+JudgeWorld = Callable[[FilledSignals, bool], Sequence[Finding]]
+"""What is found in one world; true: in the worst."""
+
+
+def worlds_between(
+    trial: Trial,
+    subject: str,
+    signals: Mapping[str, Signal],
+    seen: Sequence[Finding],
+    *,
+    max_gap_s: float,
+    measures: Mapping[str, Measure],
+    t_off_s: float = 0.0,
+    clause: str = "",
+    judge: JudgeWorld | None = None,
+    remembers: bool = False,
+) -> Iterator[Finding | Worlds]:
+    """What was found about a subject, and what the time without samples leaves open of it.
+
+    For monitors that are no `SubjectMonitor`. Where both worlds are alike nothing is open, and what they
+    have in common is said instead of what the samples alone left undecided.
+
+    Args:
+        trial: The trial, with what bounds it between samples.
+        subject: Whom it is about.
+        signals: What it reads, by any names.
+        seen: What the samples show.
+        max_gap_s: Longest stretch without a sample that it accepts, s.
+        measures: The quantities of its findings.
+        t_off_s: Pauses shorter than this are bridged, s.
+        clause: Where it is asked for.
+        judge: Its findings in one world; `None`: nothing bounds what may have been in a gap.
+        remembers: Whether what was in a gap may change what is found after it.
+    """
+    assumed, window = trial.between, trial.window
+    if assumed is None or window is None or not signals:
+        yield from seen
+        return
+    unseen = Unseen(trial, assumed, window, max_gap_s)
+    streams = {one.signal.name: one for signal in signals.values() for one in unseen.streams(signal)}
+    opened = [one for one in streams.values() if one.open.any()]
+    filled = _filled(unseen, signals, opened, window) if opened and judge is not None else None
+    if not opened:
+        yield from seen
+    elif filled is not None and judge is not None:
+        best, worst = judge(filled, False), judge(filled, True)
+        if alike(best, worst):
+            undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in seen)
+            yield from worst if undecided else seen
+            return
+        yield from seen
+        causes = causes_of_cells(opened, window, tuple(unseen.remarks))
+        yield Worlds(subject, _decided(best, Verdict.SATISFIED), _decided(worst, Verdict.VIOLATED), causes)
+    else:
+        yield from seen
+        monitor = Worsening({}, measures, t_off_s, clause)
+        spans = _spans(signals, opened, window, max_gap_s, every=assumed.every)
+        if spans and remembers:
+            spans, seen = [Span(spans[0].start_s, window.end_s)], _before(seen, spans[0].start_s)
+        if spans:
+            yield blunt_worlds(subject, seen, monitor, opened, spans)
+
+
+def _filled(
+    unseen: Unseen, signals: Mapping[str, Signal], opened: Sequence[Stream], window: Span
+) -> FilledSignals | None:
+    """Both ends of all signals; `None` where nothing bounds one of them."""
+    rate_m_s = max(unseen.rate_m_s(signal) for signal in signals.values())
+    cells: Cells = cells_of(window, [signal.t for signal in signals.values()], opened, rate_m_s)
+    ends = {name: unseen.bounds(signal, cells) for name, signal in signals.items()}
+    known = {name: both for name, both in ends.items() if both is not None}
+    if len(known) < len(ends):
+        return None
+    is_open = np.any([least != most for least, most in known.values()], axis=0)
+    least, most = ({name: both[end] for name, both in known.items()} for end in (0, 1))
+    return FilledSignals(cells.t, least, most, is_open)
+
+
+def _spans(
+    signals: Mapping[str, Signal], opened: Sequence[Stream], window: Span, max_gap_s: float, *, every: bool
+) -> list[Span]:
+    """Where something may have been that no sample shows."""
+    found = [
+        span
+        for signal in signals.values()
+        for span in uncovered_spans(signal.t, window, max_gap_s=max_gap_s, holes=signal.holes)
+        if not signal.constant
+    ]
+    if every:
+        found += [span for stream in opened for span in stream.spans(window)]
+    return merged(found)
+
+
+def _before(seen: Sequence[Finding], at_s: float) -> list[Finding]:
+    """What was over before a moment."""
+    return [one for one in seen if one.span is not None and one.span.end_s <= at_s]
+
+
+def _decided(findings: Sequence[Finding], as_verdict: Verdict) -> tuple[Finding, ...]:
+    """What not even a world decides, such as what lies beyond the trial, counted as an end."""
+    return tuple(
+        replace(one, verdict=as_verdict) if one.verdict is Verdict.INCONCLUSIVE else one for one in findings
+    )
