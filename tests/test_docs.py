@@ -12,6 +12,7 @@ import pytest
 
 from ariac_score import errors, load_rule_set, score_trial
 from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.in_gaps import in_gaps_of
 from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
@@ -183,3 +184,15 @@ def test_the_architecture_page_names_every_module() -> None:
 def test_no_file_speaks_of_the_machine_it_was_made_on() -> None:
     for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("rules/**/*.yaml")]:
         assert str(ROOT) not in path.read_text(encoding="utf-8")
+
+
+def test_the_page_about_gaps_says_of_every_monitor_what_it_declares() -> None:
+    """One line for each; a class whose parameters decide is built as its `example` has it."""
+    text = (ROOT / "docs/gaps.md").read_text(encoding="utf-8")
+    said = dict(re.findall(r"^\| `([a-z0-9_.]+)` \| (\w+) \|", text, flags=re.MULTILINE))
+    declared = {}
+    for plugin in Registry().all("ariac_score.monitors"):
+        if plugin.distribution == "ariac-score":
+            declared[plugin.name] = in_gaps_of(plugin.build(getattr(plugin.load(), "example", {})))
+
+    assert said == declared

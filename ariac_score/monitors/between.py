@@ -50,6 +50,7 @@ def worlds_between(
     measures: Mapping[str, Measure],
     t_off_s: float = 0.0,
     clause: str = "",
+    critical: bool = False,
     judge: JudgeWorld | None = None,
     remembers: bool = False,
 ) -> Iterator[Finding | Worlds]:
@@ -67,6 +68,7 @@ def worlds_between(
         measures: The quantities of its findings.
         t_off_s: Pauses shorter than this are bridged, s.
         clause: Where it is asked for.
+        critical: Whether a violation is a critical event.
         judge: Its findings in one world; `None`: nothing bounds what may have been in a gap.
         remembers: Whether what was in a gap may change what is found after it.
     """
@@ -91,7 +93,7 @@ def worlds_between(
         yield Worlds(subject, _decided(best, Verdict.SATISFIED), _decided(worst, Verdict.VIOLATED), causes)
     else:
         yield from seen
-        monitor = Worsening({}, measures, t_off_s, clause)
+        monitor = Worsening({}, measures, t_off_s, clause, critical=critical)
         spans = _spans(signals, opened, window, max_gap_s, every=assumed.every)
         if spans and remembers:
             spans, seen = [Span(spans[0].start_s, window.end_s)], _before(seen, spans[0].start_s)

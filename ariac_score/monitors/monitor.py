@@ -123,6 +123,11 @@ class SubjectMonitor:
         return ""
 
     @property
+    def may_be_critical(self) -> bool:
+        """Whether a violation may be a critical event, and so one that a gap hides; else as `critical`."""
+        return bool(getattr(self, "critical", False))
+
+    @property
     def lacks(self) -> str:
         """What its parameters leave out, so that nothing can be judged; empty: nothing."""
         return ""
@@ -204,17 +209,19 @@ class _Unseen:
 
     @property
     def _says(self) -> Worsening:
-        measures = getattr(self.monitor, "measures", {})
-        t_off_s = getattr(self.monitor, "t_off_s", 0.0)
-        return Worsening(self.monitor.worse, measures, t_off_s, self.monitor.rules.clause, self.monitor.flags)
-
-    @property
-    def _critical(self) -> bool:
-        return bool(getattr(self.monitor, "critical", False))
+        monitor = self.monitor
+        return Worsening(
+            monitor.worse,
+            getattr(monitor, "measures", {}),
+            getattr(monitor, "t_off_s", 0.0),
+            monitor.rules.clause,
+            monitor.flags,
+            monitor.may_be_critical,
+        )
 
     def nothing(self, trial: Trial, subject: Subject, why: str) -> Iterator[Statement]:
         """All of the competition is open."""
-        found = whole_window(trial, subject.name, self._says, why, critical=self._critical)
+        found = whole_window(trial, subject.name, self._says, why)
         if found is not None:
             yield found
 
@@ -237,8 +244,7 @@ class _Unseen:
         else:
             return
         if why:
-            name, critical = watched.subject.name, self._critical
-            worlds = whole_window(watched.trial, name, self._says, why, seen=worlds, critical=critical)
+            worlds = whole_window(watched.trial, watched.subject.name, self._says, why, seen=worlds)
         if worlds is not None:
             yield worlds
 

@@ -63,6 +63,7 @@ class Worsening:
         t_off_s: Pauses shorter than this are bridged, s.
         clause: Where the standard asks for it.
         flags: What else it reads, and a sample of which stands for a while.
+        critical: Whether a violation is a critical event.
     """
 
     signals: Mapping[str, Worse]
@@ -70,6 +71,7 @@ class Worsening:
     t_off_s: float
     clause: str
     flags: Sequence[str] = ()
+    critical: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,12 +376,12 @@ def blunt_worlds(
         opened: The streams that lack samples.
         spans: Where they do; at least one.
     """
-    broken = [finding for span in spans for finding in _all_of(subject, span, monitor, seen)]
-    worst = [one for one in seen if one.verdict is Verdict.VIOLATED] + broken
     decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
-    for one in seen:  # as what else a monitor reads, and a gap hides
-        if one.verdict is Verdict.INCONCLUSIVE and one.span is not None:
-            worst += _all_of(subject, one.span, monitor, seen)
+    # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
+    undecided = [one.span for one in seen if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
+    hidden = merged([*spans, *undecided])
+    broken = [finding for span in hidden for finding in _all_of(subject, span, monitor, seen)]
+    worst = [one for one in seen if one.verdict is Verdict.VIOLATED] + broken
     kept = _bridged(decided, spans) or [_kept(subject, monitor)]
     return Worlds(subject, tuple(kept), tuple(worst), _causes_of(opened, spans))
 
@@ -406,7 +408,7 @@ def _bridged(findings: Sequence[Finding], spans: Sequence[Span]) -> list[Finding
 
 def _all_of(subject: str, span: Span, monitor: Worsening, seen: Sequence[Finding]) -> list[Finding]:
     """Violations that last all of a span, as many as pauses fit into it."""
-    critical = any(one.critical for one in seen)
+    critical = monitor.critical or any(one.critical for one in seen)
     lasts_s = span.duration_s
     known = {
         "time_in_violation_s": lasts_s,
@@ -446,7 +448,6 @@ def whole_window(
     why: str,
     *,
     seen: Worlds | None = None,
-    critical: bool = False,
 ) -> Worlds | None:
     """What is open where nothing shows a subject in the whole competition; `None` without a window.
 
@@ -456,14 +457,13 @@ def whole_window(
         monitor: What it measures.
         why: In words.
         seen: What was found all the same.
-        critical: Whether a violation is a critical event.
     """
     window = trial.window
     if trial.between is None or window is None:
         return None
     best: tuple[Finding, ...] = () if seen is None else seen.best
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
-    broken = [replace(one, critical=critical) for one in _all_of(subject, window, monitor, worst)]
+    broken = _all_of(subject, window, monitor, worst)
     best = tuple(one for one in best if one.verdict is not Verdict.INCONCLUSIVE) or (_kept(subject, monitor),)
     cause = Cause(why, spans=(window,))
     causes = (cause,) if seen is None else (cause, *seen.causes)

@@ -23,6 +23,7 @@ from ariac_score import (
     Span,
     Trial,
     Verdict,
+    Worlds,
     check_parameters,
     exact_sum,
     parameter,
@@ -44,6 +45,7 @@ from ariac_score.monitors import (
     pairs,
     rows_of_episodes,
     watched_signals,
+    worlds_between,
 )
 
 
@@ -332,6 +334,26 @@ class CollisionEpisodes:
             yield self._nobody(trial)
         for first, second in pairs:
             yield from self._judge(trial, first, second)
+
+    def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
+        """The same, and what may have been where nothing shows whether two bodies touched."""
+        pairs = list(self._pairs(trial))
+        if not pairs:
+            yield self._nobody(trial)
+        for first, second in pairs:
+            touching = self._touching(trial, first, second)
+            names = () if touching is None else touching.watched.columns
+            yield from worlds_between(
+                trial,
+                f"{first.id}/{second.id}",
+                {name: trial.signals[name] for name in names},
+                list(self._judge(trial, first, second)),
+                max_gap_s=self.max_gap_s,
+                measures=self.measures,
+                t_off_s=self.t_off_s,
+                clause=_COLLISION_CLAUSE,
+                critical=self.critical,
+            )
 
     def _pairs(self, trial: Trial) -> Iterator[tuple[Body, Body]]:
         surroundings = Body(ENVIRONMENT, ENVIRONMENT)

@@ -126,6 +126,7 @@ class StopPerformance(SubjectMonitor):
 
     clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
     flags = ("drive_enabled",)
+    may_be_critical: ClassVar[bool] = True
     measures: ClassVar[Mapping[str, Measure]] = {
         "stop_time_s": Measure("s", meaning="from the request to standstill"),
         "stop_distance_m": Measure("m", meaning="way covered until then"),
@@ -296,6 +297,8 @@ class EstopRestart(LimitMonitor):
         ISO 13850; IEC 60204-1; for trucks ISO 3691-4, 4.1.14. The time for coming to
         rest is our choice.
     """
+
+    may_be_critical: ClassVar[bool] = True
 
     kind: Literal["robot", "agv"] = parameter("robot", source="which machines")
     after: tuple[str, ...] = parameter(

@@ -202,6 +202,7 @@ class AgvProtectiveField(LimitMonitor):
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     subjects = pairs("agv", "human")
+    may_be_critical: ClassVar[bool] = True
     wanted: ClassVar[Mapping[str, str]] = {
         "position/{agv}": "m",
         "velocity/{agv}": "m/s",

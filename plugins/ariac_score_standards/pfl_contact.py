@@ -99,6 +99,7 @@ class PflContact(LimitMonitor):
     t_off_s: float = parameter(1.0, source="catalogue, 1.2", **TIME)
 
     subjects = pairs("robot", "human")
+    may_be_critical: ClassVar[bool] = True
     wanted: ClassVar[Mapping[str, str]] = {_FORCE: "N"}
     optional: ClassVar[Mapping[str, str]] = {
         _PRESSURE: "Pa",

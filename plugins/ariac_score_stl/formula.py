@@ -194,6 +194,7 @@ class StlFormula:
                 measures=self.measures,
                 t_off_s=self.t_off_s,
                 clause=self.clause,
+                critical=self.critical,
                 judge=partial(self._in_world, outcome) if is_monotone(self.specification) else None,
                 remembers=remembers,
             )

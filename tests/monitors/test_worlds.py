@@ -255,6 +255,7 @@ def test_a_force_has_no_bound_so_a_contact_may_have_been_in_any_gap() -> None:
     _, (worlds,) = found(PflContact(region="chest"), given)
 
     assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
+    assert worlds.worst[0].critical  # as one that was seen, so that a gate closes
     assert "force_max_N" not in worlds.worst[0].quantities
 
 

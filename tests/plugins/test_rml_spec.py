@@ -17,9 +17,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict, load_rule_set, score_trial
+from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict, Worlds, load_rule_set, score_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import RuleSetError
+from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_rml import RmlSpec, compile_rml
@@ -361,3 +362,31 @@ def test_a_specification_can_lie_in_a_file(tmp_path: Path, monkeypatch: pytest.M
     monitor = Registry().find("ariac_score.monitors", "rml.spec").build({"spec": "gap.rml", "events": GAP})
 
     assert len(list(monitor.watch(near_misses(5)))) == 5
+
+
+# Gaps ----------------------------------------------------------------------------------
+
+
+def test_any_events_may_have_been_in_a_gap_and_what_remembers_is_open_after_it() -> None:
+    """A second without events: of a rule for each event alone that second is open, else all from there on."""
+    t = np.array([0.01 * k for k in range(301) if not 100 < k < 200])
+    apart = Signal("centre_distance/arm/ann", "m", t, np.full(len(t), 6.0))
+    trial = Trial(
+        "t",
+        bodies=(Body("arm", "robot"), Body("ann", "human")),
+        signals={apart.name: apart},
+        events=(Event(0.0, "competition_started"), Event(3.0, "competition_ended")),
+        recorded=Span(0.0, 3.0),
+        between=between_samples({}, {}),
+    )
+    far = "far matches {topic: 'scan', d: x} with x >= 5.0; near matches {topic: 'scan', d: x} with x < 5.0;"
+    for main, least_s in (("Main = far*;", 1.0), ("Main = far* near* far*;", 2.0)):
+        monitor = RmlSpec(
+            spec=f"{far} {main}", events={"scan": {"d": apart.name.replace("arm/ann", "{robot}/{human}")}}
+        )
+        *_, worlds = monitor.watch_worlds(trial)
+
+        assert isinstance(worlds, Worlds)
+        assert [one.verdict for one in worlds.best] == [Verdict.SATISFIED]
+        broken = [one.quantities["time_in_violation_s"] for one in worlds.worst]
+        assert sum(broken) == pytest.approx(least_s, abs=0.02)

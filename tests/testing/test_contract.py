@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sqlite3
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -769,3 +770,41 @@ def test_a_log_that_its_reader_refuses_is_the_logs_fault(install: Install, speed
 
     with pytest.raises(LogError, match="could not convert"):
         checks["units_declared"]()
+
+
+# What a gap leaves open ----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Untroubled(FastestSeen):
+    """As it says of gaps; documented as its base."""
+
+    in_gaps: str = "blunt"
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """Satisfied, whatever a gap may hide."""
+        yield Finding.satisfied("trial", f"all is well in {trial.id}")
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ("blunt", "is satisfied across two of 2 s"),
+        ("unsampled", "reads no samples, and needs"),
+        ("outer", "has no 'watch_worlds'"),
+        ("soft", "'in_gaps' is one of tight, outer, blunt"),
+    ],
+)
+def test_a_monitor_is_held_to_what_it_says_of_gaps(said: str, message: str) -> None:
+    (check,) = [c for c in contract_checks(Untroubled(in_gaps=said), WAVES) if c.name == "in_gaps"]
+    with pytest.raises(ContractError, match=re.escape(message)):
+        check()
+
+
+def test_a_first_party_monitor_has_to_say_what_a_gap_leaves_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monitor = REGISTRY.find(MONITORS, "ariac.no_event").build({})
+    monkeypatch.delattr(type(monitor), "in_gaps")
+    (check,) = [c for c in contract_checks(monitor, made_trial()) if c.name == "in_gaps"]
+
+    with pytest.raises(ContractError, match="does not say what a gap leaves open"):
+        check()
