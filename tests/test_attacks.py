@@ -22,8 +22,8 @@ import yaml
 from ariac_score import Trial
 from ariac_score.cli import main
 from ariac_score.results.signing import make_keys
-from ariac_score.review.redteam.copies import Copy, changed, fields_of
 from ariac_score.testing import Recorded, write_bag
+from ariac_score.testing.copies import Copy, changed, fields_of
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 from ariac_score_ariac.work import KitSubmission
@@ -221,14 +221,38 @@ def reparented(copy: Copy) -> Copy:
     return copy.with_changed(one)
 
 
+def lifted(copy: Copy) -> Copy:
+    """The human is 50 m further away for the time of the dash."""
+
+    def one(message: Any) -> Any:
+        if message.connection.topic != "/tf" or not ns(20.0) <= message.stamp_ns <= ns(20.5):
+            return message
+        fields = fields_of(message)
+        (sent,) = fields.transforms
+        if sent.child_frame_id == "human_base":
+            sent.transform.translation.y += 50.0
+        return changed(message, fields)
+
+    return copy.with_changed(one)
+
+
 def replayed(copy: Copy) -> Copy:
-    """Over the near miss is played what was recorded ten seconds before."""
-    before = {m.stamp_ns: m.payload for m in copy.messages if between(SNAPSHOT, 5.0, 9.0)(m)}
-    return copy.with_changed(
-        lambda m: (
-            m._replace(payload=before[m.stamp_ns - 13_000_000_000]) if between(SNAPSHOT, 18.0, 22.0)(m) else m
-        )
-    )
+    """Over the dash is played what all frames did 4 s before, stamped anew."""
+    before = {}
+    for message in copy.messages:
+        if message.connection.topic == "/tf" and ns(14.5) <= message.stamp_ns <= ns(17.5):
+            (sent,) = fields_of(message).transforms
+            before[message.stamp_ns, sent.child_frame_id] = sent.transform
+
+    def one(message: Any) -> Any:
+        if message.connection.topic != "/tf" or not ns(18.5) <= message.stamp_ns <= ns(21.5):
+            return message
+        fields = fields_of(message)
+        (sent,) = fields.transforms
+        sent.transform = before[message.stamp_ns - 4_000_000_000, sent.child_frame_id]
+        return changed(message, fields)
+
+    return copy.with_changed(one)
 
 
 def shifted(copy: Copy) -> Copy:
@@ -430,10 +454,18 @@ ATTACKS = (
         JUMPS,
     ),
     Attack(
-        "an earlier stretch played over the near miss",
-        example,
+        "50 m more in a human's frame during the dash",
+        under_a_room,
+        lifted,
+        "19.891643",
+        "0",
+        JUMPS,
+    ),
+    Attack(
+        "an earlier stretch of all frames played over the dash",
+        under_a_room,
         replayed,
-        HONEST,
+        "19.891643",
         "0",
         "what comes back to the last bit is not believed",
     ),

@@ -207,7 +207,7 @@ def state_log(folder: Path, encodings: list[str], *, closest: str = "0.4") -> Pa
     frames = [
         f"<sdf version='1.6'><state world_name='w'><sim_time>{k // 10} {k % 10}00000000</sim_time>"
         f"<model name='gantry'><pose>{k / 100} 0 0 0 0 0</pose></model>"
-        f"<model name='person_1'><pose>{k / 100} {closest if k == 77 else 9} 0 0 0 0</pose></model>"
+        f"<model name='person_1'><pose>{k / 100} {closest if k == 77 else 0.9} 0 0 0 0</pose></model>"
         "</state></sdf>"
         for k in range(120)
     ]

@@ -174,6 +174,10 @@ class _Sides:
         is_open = stream.open[after] & ~(at_sample & (error_s == 0.0))
         since_s = np.where(np.isinf(edges[after]), np.inf, cells.end - edges[after] + error_s)
         until_s = np.where(np.isinf(edges[after + 1]), np.inf, edges[after + 1] - cells.t + error_s)
+        for one in stream.signal.disbelieved:
+            if stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
+                there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
+                since_s[there] = until_s[there] = np.inf
         return cls(after - 1, after, since_s, until_s, is_open)
 
     def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -214,6 +218,11 @@ class Unseen:
     def _stream(self, signal: Signal) -> Stream:
         if signal.name not in self._streams:
             self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
+            for one in signal.disbelieved:
+                if one.span.end_s >= self.window.start_s and one.span.start_s <= self.window.end_s:
+                    words = f"{signal.name!r} jumps at {one.at_s:.3f} s faster than anything moves"
+                    self.remarks[f"{words}, and may be right"] = None
+                    break
         return self._streams[signal.name]
 
     def error_s(self, signal: Signal) -> float:
@@ -268,7 +277,7 @@ class Unseen:
         if quantity in DISTANCES:
             found = self._distance(signal, cells, sides, total)
         elif quantity in SPEEDS:
-            found = self._speed(signal, sides, motion[0])
+            found = self._speed(signal, cells, sides, motion[0])
         elif quantity in APPROACHES:
             fastest = motion[quantity == APPROACHES[1]].max_speed_m_s
             found = np.full(len(cells.t), -fastest), np.full(len(cells.t), fastest)
@@ -293,7 +302,12 @@ class Unseen:
             self._refuse_no_path(signal.name, cells, least, most, only.open, error_m)
         unbounded = (least > most + 2 * error_m + 1e-9) | ~np.isfinite(most)
         least = np.where(unbounded, 0.0, np.maximum(least - error_m, 0.0))
-        return least, np.where(unbounded, FAR_M, most + error_m)
+        most = np.where(unbounded, FAR_M, most + error_m)
+        for one in signal.disbelieved:
+            there = (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
+            least = np.where(there, np.minimum(least, one.least), least)
+            most = np.where(there, np.maximum(most, one.most), most)
+        return least, most
 
     def _refuse_no_path(
         self, name: str, cells: Cells, least: FloatArray, most: FloatArray, where: BoolArray, error_m: float
@@ -353,7 +367,7 @@ class Unseen:
         return found
 
     def _speed(
-        self, signal: Signal, sides: Sequence[_Sides], motion: MotionBound
+        self, signal: Signal, cells: Cells, sides: Sequence[_Sides], motion: MotionBound
     ) -> tuple[FloatArray, FloatArray]:
         top, change = motion.max_speed_m_s, motion.max_acceleration_m_s2
         least, most = np.zeros(len(sides[0].open)), np.zeros(len(sides[0].open))
@@ -369,6 +383,9 @@ class Unseen:
                 # A sample above a default bound: no less than that sample bounds it.
                 fastest = np.fmax(np.fmax(before, after), top)
                 high = np.where(fastest > top, fastest, high)
+                for other in recorded.disbelieved:
+                    there = one.open & (cells.t >= other.span.start_s) & (cells.t < other.span.end_s)
+                    high = np.where(there & np.isfinite(other.most), np.maximum(high, other.most), high)
                 if (one.open & (fastest > top * (1 + 1e-9))).any():
                     self.remarks[f"{recorded.name!r} above the default bound of {top:g} m/s"] = None
             least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
@@ -440,11 +457,29 @@ def broken_bounds(trial: Trial, assumed: BetweenSamples) -> Broken | None:
     for name, signal in sorted(trial.signals.items()):
         motion = [] if isinstance(signal, Computed) else unseen.motion(name) or []
         if motion and all(one.stated for one in motion):
+            found = _jumped(signal, window, motion, assumed)
             inside = (signal.t >= window.start_s) & (signal.t <= window.end_s)
-            found = _broken(signal, signal.t[inside], signal.values[inside], motion, assumed)
+            found = found or _broken(signal, signal.t[inside], signal.values[inside], motion, assumed)
             if found is not None:
                 bodies = " and ".join(body.id for body in unseen.bodies(name))
                 return Broken(bodies, name, *found, motion[0].stated)
+    return None
+
+
+def _jumped(
+    signal: Signal, window: Span, motion: Sequence[MotionBound], assumed: BetweenSamples
+) -> tuple[float, float, float, str] | None:
+    """The same of samples that were left out."""
+    if quantity_of(signal.name) != "position" and quantity_of(signal.name) not in DISTANCES:
+        return None
+    top = sum(one.max_speed_m_s for one in motion)
+    for one in signal.disbelieved:
+        if window.start_s <= one.at_s <= window.end_s:
+            step_m = one.needed * (one.at_s - one.span.start_s)
+            steps_s = one.at_s - one.span.start_s + 2.0 * assumed.time_error_s
+            needed = max(step_m - 2.0 * assumed.distance_error_m, 0.0) / steps_s
+            if needed > top:
+                return one.at_s, needed, top, "m/s"
     return None
 
 

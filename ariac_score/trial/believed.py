@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import dist
 
 import numpy as np
 
 from ariac_score.trial.model import Body, LogDefect
-from ariac_score.trial.signals import Signal
+from ariac_score.trial.signals import Disbelieved, Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
 
@@ -106,8 +107,22 @@ def believed(
                 "left out, and nothing is known there"
             )
             defects.append(LogDefect("replayed_stretch", signal.name, int(again.sum()), message))
-        found[name] = _without(signal, jumped | again)
+        left_out = replace(signal, disbelieved=_disbelieved(signal, jumped)) if jumped.any() else signal
+        found[name] = _without(left_out, jumped | again)
     return found, defects
+
+
+def _disbelieved(signal: Signal, jumped: BoolArray) -> tuple[Disbelieved, ...]:
+    found = []
+    for span in holes_around(signal.t, jumped):
+        rows = np.flatnonzero(jumped & (signal.t >= span.start_s) & (signal.t <= span.end_s))
+        first = int(rows[0])
+        step = np.sqrt(np.square(signal.values[first] - signal.values[first - 1]).sum())
+        needed = float(step / (signal.t[first] - signal.t[first - 1]))
+        values = signal.values[rows]
+        ends = (float(values.min()), float(values.max())) if values.ndim == 1 else (-np.inf, np.inf)
+        found.append(Disbelieved(span, float(signal.t[first]), needed, *ends))
+    return tuple(found)
 
 
 def _without(signal: Signal, dropped: BoolArray) -> Signal:
@@ -158,25 +173,26 @@ def _all_come_back(
 
 
 def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
-    """Which samples of a scalar cannot be reached from the last one that is believed, shape (n,).
+    """Which samples cannot be reached from the last one that is believed, shape (n,).
 
-    A distance of two bodies changes no faster than both can move, a speed not faster than something heavy is
-    stopped. Other quantities may step, as a force does.
+    A distance of two bodies changes no faster than both can move, a position no faster than a body can, a
+    speed not faster than something heavy is stopped. Other quantities may step, as a force does.
     """
     none = np.zeros(len(signal), dtype=bool)
     limits = _limits(signal, bodies)
-    if limits is None or signal.values.ndim != 1 or len(signal) < 2:
+    if limits is None or len(signal) < 2:
         return none
     rate, allowed = limits
     allowed += rate * signal.stamp_jitter_s
-    steps = np.abs(np.diff(signal.values))
+    rows = signal.values.reshape(len(signal), -1)
+    steps = np.sqrt(np.square(np.diff(rows, axis=0)).sum(axis=1))
     suspicious = np.flatnonzero(steps > rate * np.diff(signal.t) + allowed)
     if not len(suspicious):
         return none
-    t, values = signal.t.tolist(), signal.values.tolist()
+    t, values = signal.t.tolist(), rows.tolist()
     last = int(suspicious[0])
     for here in range(last + 1, len(t)):
-        if abs(values[here] - values[last]) > rate * (t[here] - t[last]) + allowed:
+        if dist(values[here], values[last]) > rate * (t[here] - t[last]) + allowed:
             none[here] = True
         else:
             last = here
@@ -185,9 +201,12 @@ def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
 
 def _limits(signal: Signal, bodies: Sequence[Body]) -> tuple[float, float] | None:
     quantity = QUANTITIES.get(quantity_of(signal.name))
-    kinds = {body.kind for body in bodies if body.id in subject_of(signal.name).split("/")}
+    subjects = {subject.partition("::")[0] for subject in subject_of(signal.name).split("/")}
+    kinds = {body.kind for body in bodies if body.id in subjects}
     if quantity is None:
         return None
+    if quantity_of(signal.name) == "position" and kinds and kinds <= _KNOWN_KINDS:
+        return FASTEST_CLOSING_M_S / 2, _ALLOWED_M
     if quantity.of == "pair" and quantity.unit == "m":
         return (FASTEST_CLOSING_M_S if kinds and kinds <= _KNOWN_KINDS else FASTEST_OF_ANY_M_S), _ALLOWED_M
     if quantity_of(signal.name) in ("speed", "tcp_speed") and kinds and kinds <= _KNOWN_KINDS:

@@ -22,6 +22,7 @@ from ariac_score.trial.spans import (
 
 __all__ = [
     "LARGEST_VALUE",
+    "Disbelieved",
     "Sample",
     "Series",
     "Signal",
@@ -48,6 +49,25 @@ class Sample:
     t_s: float
     value: float | tuple[float, ...]
     unit: str
+
+
+@dataclass(frozen=True)
+class Disbelieved:
+    """Samples that were left out, because nothing moves as they say.
+
+    Attributes:
+        span: Between the samples around them that are believed, s of trial time.
+        at_s: Time of the first of them, s.
+        needed: How fast the value would have had to change to get there, its unit per second.
+        least: The least that a scalar was by them; of a position minus infinity.
+        most: The most, likewise.
+    """
+
+    span: Span
+    at_s: float
+    needed: float
+    least: float = -math.inf
+    most: float = math.inf
 
 
 # eq=False: arrays have no single truth to compare by.
@@ -104,6 +124,7 @@ class Signal(_Recorded):
             is known between their ends, however short they are.
         constant: Whether it holds at all times, as a static transform does: it covers everything.
         stamp_jitter_s: By how much its stamps may be late against each other, s: 0 where senders stamped it.
+        disbelieved: What was left out because nothing moves so fast. What it says may be true all the same.
 
     Raises:
         ValueError: The times do not increase, or a value is not finite. Readers
@@ -113,6 +134,7 @@ class Signal(_Recorded):
     holes: tuple[Span, ...] = ()
     constant: bool = False
     stamp_jitter_s: float = 0.0
+    disbelieved: tuple[Disbelieved, ...] = ()
 
     def _refuse(self, t: FloatArray) -> None:
         if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):

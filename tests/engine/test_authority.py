@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from ariac_score import ContradictionError, Result, ScoreError, load_rule_set, reprice, score_trial
+from ariac_score.cli import main
 from ariac_score.errors import RuleSetError
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.runs import score_runs
@@ -221,6 +222,28 @@ def test_orders_are_the_organisers(records: Records, tmp_path: Path, case: Seaso
             "gear_part_green",
         ):
             assert words in said
+
+
+@pytest.mark.slow
+def test_through_every_door_both_files_are_named(
+    records: Records, tmp_path: Path, capsys: pytest.CaptureFixture[str], subtests: pytest.Subtests
+) -> None:
+    """`rank`, `batch` and `score` by command; Codabench and EvalAI have theirs in tests/platforms."""
+    found = season(records, tmp_path, SEASONS["the run brings others (was 23.290548)"])
+    assert isinstance(found, ContradictionError)
+    run, given = tmp_path / "logs/team/trial_1", tmp_path / "trials/trial.yaml"
+    doors = {
+        "score": ["score", str(run), "--rules", "paper2020", "--trial-config", str(given)],
+        "rank": ["rank", str(tmp_path)],
+        "batch": ["batch", str(tmp_path), "-o", str(tmp_path / "results"), "-j", "1"],
+    }
+    for name, arguments in doors.items():
+        with subtests.test(name):
+            main(arguments)
+            said = "".join(capsys.readouterr())
+            assert "trial.yaml' (organiser) says 'gear_part_blue'" in said
+            assert "trial.yaml' (run) says 'gear_part_green'" in said
+            assert "23.290548" not in said
 
 
 def test_whoever_scores_his_own_folder_needs_one_command_and_sees_whose_orders_they_are(

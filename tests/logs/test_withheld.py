@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -208,6 +209,24 @@ def test_a_distance_that_jumps_50_m_in_10_ms_is_unknown_there(
     assert defects(trial) == ({"implausible_jump": 3} if dropped else {})
 
 
+@pytest.mark.parametrize(("away_m", "dropped"), [(50.0, 20), (0.45, 0)])
+def test_a_body_is_not_believed_to_be_50_m_away_within_10_ms(
+    tmp_path: Path, away_m: float, dropped: int
+) -> None:
+    """It stays there for 0.2 s, in which it could have come 1 m far, with half a metre for noise."""
+    walk = list(places())
+    there = [
+        replace(m, fields={**m.fields, "point": {**m.fields["point"], "y": away_m}}) if 40 <= i < 60 else m
+        for i, m in enumerate(walk)
+    ]
+
+    trial = read(tmp_path / "t.bag", there, PLACE)
+
+    signal = trial.signals["position/human"]
+    assert signal.gaps(Span(0.0, 0.99), max_gap_s=0.25) == ([Span(0.39, 0.6)] if dropped else [])
+    assert defects(trial) == ({"implausible_jump": dropped} if dropped else {})
+
+
 def test_a_stretch_that_comes_back_to_the_last_bit_is_unknown(tmp_path: Path) -> None:
     walk = [2.0 + 0.003 * i + 0.001 * (i * i % 97) for i in range(400)]
     # 1.5 s are played over what happened from 2.2 s on.
@@ -333,6 +352,62 @@ def test_positions_in_two_frames_are_never_subtracted(tmp_path: Path, frame: str
             "position/human",
             "position/robot",
         }
+
+
+def in_frame(frame: str, messages: Iterator[Recorded]) -> list[Recorded]:
+    return [
+        replace(m, fields={**m.fields, "header": {**m.fields["header"], "frame_id": frame}}) for m in messages
+    ]
+
+
+def quarter_turn(t_ns: int) -> Recorded:
+    """The camera stands at x = 10 m and looks along y, so its x is the world's y."""
+    message = moved("camera", "world", 10.0, t_ns)
+    (sent,) = message.fields["transforms"]
+    turned = {**sent["transform"], "rotation": {"z": math.sqrt(0.5), "w": math.sqrt(0.5)}}
+    return replace(message, fields={"transforms": [{**sent, "transform": turned}]})
+
+
+def test_positions_in_a_frame_whose_transforms_are_recorded_are_brought_to_the_root(tmp_path: Path) -> None:
+    cart = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
+    camera = [quarter_turn(START_NS + i * STEP_NS) for i in range(100)]
+
+    trial = read(tmp_path / "t.bag", [*cart, *camera, *in_frame("/camera", places())], PLACE, FRAMES)
+    human = trial.signals["position/human"]
+
+    # A turn by hand: (0.005 i, 0, 0) in the camera is (10, 0.005 i, 0) in the world.
+    i = np.arange(100)
+    expected = np.stack([np.full(100, 10.0), 0.005 * i, np.zeros(100)], axis=1)
+    assert human.t == pytest.approx(i / 100)
+    assert human.values == pytest.approx(expected)
+    assert human.source == "/place"
+    distance = derive_signals(trial, [Derivation("centre_distance", 0.5)]).signals[
+        "centre_distance/robot/human"
+    ]
+    assert distance.values[60] == pytest.approx(math.hypot(10.0 - 3.0, 0.3))
+
+
+def test_a_position_is_seen_as_rarely_as_the_transform_of_its_frame(tmp_path: Path) -> None:
+    """A place at 100 Hz in a frame at 4 Hz: where the frame is in between, nobody saw."""
+    cart = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
+    camera = [quarter_turn(START_NS + i * 250_000_000) for i in range(4)]
+
+    trial = read(tmp_path / "t.bag", [*cart, *camera, *in_frame("camera", places())], PLACE, FRAMES)
+
+    gaps = trial.signals["position/human"].gaps(Span(0.0, 0.75), max_gap_s=0.05)
+    assert gaps == [Span(0.25 * i, 0.25 * (i + 1)) for i in range(3)]
+
+
+def test_a_frame_that_moved_twice_as_two_publishers_said_places_nobody(tmp_path: Path) -> None:
+    cart = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
+    camera = [replace(quarter_turn(START_NS + i * STEP_NS), publisher="/camera") for i in range(100)]
+    ghost = [
+        moved("camera", "world", 50.0, START_NS + 5_000_000 + i * STEP_NS, "/ghost") for i in range(30, 40)
+    ]
+
+    trial = read(tmp_path / "t.bag", [*cart, *camera, *ghost, *in_frame("camera", places())], PLACE, FRAMES)
+
+    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.05) == [Span(0.3, 0.4)]
 
 
 def test_formulas_and_shares_of_time_leave_open_what_a_signal_leaves_open() -> None:

@@ -14,6 +14,7 @@ from ariac_score.checks.open_findings import Worlds
 from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.monitors.unseen import broken_bounds
 from ariac_score.trial.bounds import BetweenSamples, between_samples
+from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score_ariac.safety import HumanContact
@@ -270,6 +271,66 @@ def test_data_that_break_a_stated_bound_are_named_and_a_default_one_leaves_its_g
     _, (worlds,) = found(HumanContact(), leap)
     assert "faster than the default bound" in worlds.causes[-1].text
     assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
+
+
+def built(values: Mapping[str, tuple[str, Any]], stated: Mapping[str, Any]) -> Trial:
+    """A trial as a reader makes it, at 100 Hz for a second, with its jumps left out."""
+    made = TrialBuilder("t", file="t", clock=None)
+    for body in (Body("arm", "robot", 0.0), Body("ann", "human", 0.0)):
+        made.add_body(body)
+    for name, (unit, column) in values.items():
+        made.add_signal(name, unit, np.arange(101) / 100, np.asarray(column, dtype=np.float64))
+    made.add(Event(0.0, COMPETITION_STARTED))
+    made.add(Event(1.0, COMPETITION_ENDED))
+    return replace(made.build(), between=between_samples({}, stated))
+
+
+def with_glitch(usual: float, glitch: float) -> list[float]:
+    return [glitch if k == 50 else usual for k in range(101)]
+
+
+@pytest.mark.parametrize(
+    ("glitch_m", "nearest_m"),
+    [
+        (0.2, 0.2),  # it may be right, and who is unsafe would else be safe by being impossible
+        (60.0, 9.0 - 0.01 * (4.0 + 5.0)),  # by the default speeds, half way between two samples 20 ms apart
+    ],
+)
+def test_the_worst_world_takes_a_distance_that_jumps_at_its_word(glitch_m: float, nearest_m: float) -> None:
+    given = built({"separation/arm/ann": ("m", with_glitch(9.0, glitch_m))}, {})
+
+    assert [one.kind for one in given.log_defects] == ["implausible_jump"]
+    for limit_m, broken in ((nearest_m - 0.05, False), (nearest_m + 0.05, True)):
+        opened = found(replace(NEARER_THAN_1_M, holds=f"d >= {limit_m}"), given)[1]
+        assert any(one.verdict is Verdict.VIOLATED for worlds in opened for one in worlds.worst) is broken
+
+
+def test_a_body_that_jumps_may_have_been_anywhere_meanwhile() -> None:
+    still = np.zeros((101, 3))
+    ann = still + np.array([9.0, 0.0, 0.0])
+    ann[50, 0] = 60.0
+    given = built({"position/arm": ("m", still), "position/ann": ("m", ann)}, {})
+    derived = derive_signals(given, [Derivation("centre_distance", 0.5)])
+
+    (worlds,) = found(replace(HumanContact(), distance="centre_distance"), derived)[1]
+
+    assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
+    assert "'position/ann' jumps at 0.500 s faster than anything moves" in worlds.causes[-1].text
+
+
+def test_a_jump_breaks_a_bound_that_is_stated_and_no_other() -> None:
+    glitch = {"separation/arm/ann": ("m", with_glitch(9.0, 60.0))}
+    stated = {kind: {"max_speed_m_s": 2.0, "source": "here"} for kind in ("robot", "human")}
+
+    broken = broken_bounds(built(glitch, stated), between_samples({}, stated))
+
+    assert broken is not None
+    # 51 m in 10 ms, of two bodies of 2 m/s each.
+    assert (broken.bodies, broken.t_s, broken.bound) == ("arm and ann", 0.5, 4.0)
+    assert broken.needed == pytest.approx(5100.0)
+    assert broken_bounds(built(glitch, {}), between_samples({}, {})) is None
+    late = {**stated, "time_error_s": 10.0}
+    assert broken_bounds(built(glitch, late), between_samples({}, late)) is None
 
 
 def test_without_anything_assumed_a_monitor_finds_what_it_always_found() -> None:

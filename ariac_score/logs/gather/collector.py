@@ -40,7 +40,7 @@ from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.numbering import Numbering, TopicNumbering, Unknown, note_contested
 from ariac_score.logs.gather.position_frames import PositionFrames
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
-from ariac_score.logs.gather.transforms import TransformTree, times_s
+from ariac_score.logs.gather.transforms import Placed, TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.model import Body
@@ -338,6 +338,7 @@ class Collector:
             if route.slow:
                 cause = f"its messages were decoded one by one, which is slower: {route.slow}"
                 builder.defect("decoded_one_by_one", route.topic, 1, cause)
+        self._find_frames()
         received: set[str] = set()
         numbered = not self._numbering.of_recorder
         for intake in self._intakes:
@@ -355,9 +356,7 @@ class Collector:
         for body in self._wanted.log_map.bodies:
             if body.id in received:
                 builder.add_body(body)
-        self._refuse_several_frames()
-        if any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
-            self._settle_frames(builder, origin_ns)
+        self._settle_frames(builder, origin_ns)
         if "position" in self._wanted.quantities:
             of_models = [intake.unknown for intake in self._intakes if intake.channel.poses == "models"]
             self._models.settle(builder, origin_ns, of_models)
@@ -366,17 +365,33 @@ class Collector:
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
 
-    def _refuse_several_frames(self) -> None:
-        frames = PositionFrames(self._file)
+    def _find_frames(self) -> None:
+        """Find whose positions are to be transformed into the root frame, where they are in several.
+
+        Raises:
+            LogError: They are, and recorded transforms do not lead from all of them to the root.
+        """
+        if not self._position_frames().several:
+            return
+        root = self._wanted.log_map.root_frame.lstrip("/")
+        for intake in self._intakes:
+            others = {frame.lstrip("/") for frame in intake.frame_ids} - {""}
+            if len(others) == 1 and root not in others and self._tree.leads_to_root(*others):
+                (intake.elsewhere,) = others
+        self._position_frames().refuse_several()
+
+    def _position_frames(self) -> PositionFrames:
+        log_map = self._wanted.log_map
+        frames = PositionFrames(self._file, log_map.root_frame)
         for intake in self._intakes:
             for frame in sorted(intake.frame_ids):
-                frames.take(frame, f"topic {intake.channel.topic}")
-        log_map = self._wanted.log_map
+                there = log_map.root_frame if intake.elsewhere else frame
+                frames.take(there, f"topic {intake.channel.topic}")
         if self._tree.places_any(log_map.frames):
             frames.take(log_map.root_frame, "tf")
         if self._models.places_any:
             frames.take("world", "Gazebo")
-        frames.refuse_several()
+        return frames
 
     def _add_unmatched(self, builder: TrialBuilder, unmatched: Iterable[BodyMatch]) -> None:
         """Add the bodies that a pattern names and nothing recorded matches, where others of the kind are."""
@@ -387,6 +402,8 @@ class Collector:
                 builder.add_body(Body(name.replace("/", "_"), match.kind, match.radius_m))
 
     def _settle_frames(self, builder: TrialBuilder, origin_ns: int) -> None:
+        if not any(intake.channel.poses == "frames" and intake.received for intake in self._intakes):
+            return
         contested: dict[str, list[Span]] = {}
         for frame, stretch in self._frame_publishers.contested():
             ends_ns = np.array([stretch.first_ns, stretch.last_ns])
@@ -402,6 +419,9 @@ class Collector:
             for hole in intake.unknown.holes
         ]
         self._tree.settle(builder, origin_ns, self._wanted.log_map.frames, holes=holes, contested=contested)
+        for intake in self._intakes:
+            if intake.elsewhere:
+                intake.settle_transformed(builder, origin_ns, self._tree)
 
     def _add_unrecorded_bodies(self, builder: TrialBuilder, due: Set[str]) -> None:
         """Add the bodies that should have been recorded, where others of their kind were."""
@@ -489,6 +509,7 @@ class _Intake:
         self.received = 0
         self.by_arrival = False
         self.frame_ids: set[str] = set()
+        self.elsewhere = ""  # the frame of its positions, where they are to be transformed
         self.sent, self.unknown = TopicNumbering(), Unknown()
         self.untyped: dict[str, str] = {}
         self.undecodable: list[str] = []
@@ -632,8 +653,34 @@ class _Intake:
         for lack in self._lacking.values():
             yield f"{topic}: {lack}"
 
+    def settle_transformed(self, builder: TrialBuilder, origin_ns: int, tree: TransformTree) -> None:
+        """Hand the positions that are in another frame to the builder, in the root frame."""
+        for column in self._columns:
+            name = column.field_map.signal
+            if not len(column.stamps_ns) or quantity_of(name) != "position":
+                continue
+            stamps_ns = np.array(column.stamps_ns, dtype=np.int64)
+            positions = np.array(column.values, dtype=np.float64).reshape(-1, 3)
+            placed = Placed(name, self.elsewhere, stamps_ns, positions)
+            t, values, holes, contested = tree.transformed(builder, origin_ns, placed)
+            if not len(t):
+                why = f"it and the transforms of its frame {self.elsewhere!r} never overlap in time"
+                builder.unrecorded.append(f"topic {self.channel.topic}: {why}")
+            builder.add_signal(
+                name,
+                column.field_map.unit,
+                t,
+                values,
+                source=self.channel.topic,
+                holes=sorted({*self.unknown.holes, *holes}),
+                contested=[*self.unknown.contested, *contested],
+                stamp_jitter_s=arrival_jitter_s(np.sort(t)) if self.by_arrival and len(t) else 0.0,
+            )
+
     def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
         for column in self._columns:
+            if self.elsewhere and quantity_of(column.field_map.signal) == "position":
+                continue  # transforms are settled first
             if len(column.stamps_ns):
                 values: FloatArray = np.frombuffer(column.values, dtype=np.float64)
                 if len(column.getters) > 1:

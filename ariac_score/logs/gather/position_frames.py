@@ -14,10 +14,11 @@ class PositionFrames:
 
     Args:
         file: The recording, for error messages.
+        root: The frame of the log map, which transforms could lead to.
     """
 
-    def __init__(self, file: Path) -> None:
-        self._file = file
+    def __init__(self, file: Path, root: str) -> None:
+        self._file, self._root = file, root
         self._sources: dict[str, str] = {}
 
     def take(self, frame: str, source: str) -> None:
@@ -25,18 +26,23 @@ class PositionFrames:
         if name := frame.lstrip("/"):
             self._sources.setdefault(name, source)
 
+    @property
+    def several(self) -> bool:
+        """Whether positions are in different frames."""
+        return len(self._sources) > 1
+
     def refuse_several(self) -> None:
         """Refuse positions in different frames.
 
         Raises:
             LogError: With the frames and who uses them.
         """
-        if len(self._sources) > 1:
+        if self.several:
             (one, first), (other, second), *_ = sorted(self._sources.items())
             raise LogError(
                 f"positions are in different frames: {first} in {one!r}, {second} in {other!r}; "
-                "their distances mean nothing",
+                f"their distances mean nothing, and no recorded transforms lead from both to {self._root!r}",
                 file=self._file,
-                hint="record them in one frame, or let the log map take them from tf (`frames:`), which "
-                "transforms them into its root_frame",
+                hint="record /tf and /tf_static too, and let `root_frame:` of the log map name the frame "
+                "that all hang under; or record positions in one frame",
             )

@@ -28,7 +28,7 @@ from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
 from ariac_score.trial.spans import FloatArray, Span, distinct
 
-__all__ = ["MAX_GAP_S", "TransformTree", "times_s"]
+__all__ = ["MAX_GAP_S", "Placed", "TransformTree", "times_s"]
 
 
 MAX_GAP_S = 0.5
@@ -200,6 +200,23 @@ class _Placements:
 
     def _rows(self, some: slice) -> FloatArray:
         return self.columns[:, some] if self.columns.shape[1] > 1 else self.columns
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Positions that messages give in a frame.
+
+    Attributes:
+        name: Of the signal they are, such as `position/human`.
+        frame: The frame.
+        stamps_ns: Their stamps, in recorded order, shape (n,).
+        positions_m: Shape (n, 3).
+    """
+
+    name: str
+    frame: str
+    stamps_ns: IntArray
+    positions_m: FloatArray
 
 
 class TransformTree:
@@ -408,7 +425,7 @@ class TransformTree:
                 f"frame {frame}: it is not connected to {self._root!r}, its tree ends at {chain[-1]!r}"
             )
             return
-        t, positions = self._positions(builder, origin_ns, chain[:-1])
+        t, positions = self._positions(builder, origin_ns, self._edges_of(chain[:-1]))
         constant = not any(next(iter(self._edges[one].values())).moves for one in chain[:-1])
         if not len(t):
             builder.unrecorded.append(
@@ -421,14 +438,54 @@ class TransformTree:
         name = "::".join((body.id, *body.links))
         builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames", **unknown)
 
+    def leads_to_root(self, frame: str) -> bool:
+        """Whether a frame is the root, or recorded transforms lead from it there.
+
+        Raises:
+            LogError: It has a cycle or two parents above it.
+        """
+        name = _frame(frame)
+        return [name, *self._ancestors(name)][-1] == self._root
+
+    def transformed(
+        self,
+        builder: TrialBuilder,
+        origin_ns: int,
+        place: Placed,
+    ) -> tuple[FloatArray, FloatArray, list[Span], list[Span]]:
+        """Positions given in another frame, in the root.
+
+        They are one more transform at the end of the frame's chain, so they are seen when the slowest
+        of all is.
+
+        Args:
+            builder: Of the trial.
+            origin_ns: Trial time 0, ns.
+            place: The positions; transforms lead from their frame to the root.
+
+        Returns:
+            Times, s, and positions, m; stretches that are missing or contested of the transforms.
+        """
+        edge, count = _Edge(), len(place.stamps_ns)
+        turns = np.zeros((4, count))
+        turns[3] = 1.0
+        edge.add_many(slice(0, count), place.stamps_ns, (*place.positions_m.T, *turns), 1.0)
+        frame = _frame(place.frame)
+        above = self._edges_of([one for one in (frame, *self._ancestors(frame)) if one != self._root])
+        t, positions = self._positions(builder, origin_ns, {place.name: edge, **above})
+        holes = [*self._holes] if any(one.moves for one in above.values()) else []
+        return t, positions, holes, [span for one in above for span in self._contested.get(one, ())]
+
+    def _edges_of(self, chain: Sequence[str]) -> dict[str, _Edge]:
+        return {frame: next(iter(self._edges[frame].values())) for frame in chain}
+
     def _positions(
-        self, builder: TrialBuilder, origin_ns: int, chain: Sequence[str]
+        self, builder: TrialBuilder, origin_ns: int, chain: Mapping[str, _Edge]
     ) -> tuple[FloatArray, FloatArray]:
         """The positions of the first frame of a chain, at the times that all its transforms cover."""
-        edges = [next(iter(self._edges[frame].values())) for frame in chain]
         moving = {
             frame: self._moving(builder, origin_ns, frame, edge)
-            for frame, edge in zip(chain, edges, strict=True)
+            for frame, edge in chain.items()
             if edge.moves
         }
         t = (
@@ -441,7 +498,7 @@ class TransformTree:
             t = t[settled.covers(t)]
         courses = [
             moving[frame].at(t) if frame in moving else _Placements(np.array(edge.static)[:, np.newaxis])
-            for frame, edge in zip(chain, edges, strict=True)
+            for frame, edge in chain.items()
         ]
         position: FloatArray = np.empty((len(t), 3))
         # Absurd numbers become infinite, which the builder leaves out and counts.
