@@ -66,7 +66,9 @@ if TYPE_CHECKING:
         did_you_mean,
     )
     from ariac_score.logs.logmap import load_log_map
+    from ariac_score.logs.message_columns import MessageColumns, RecordedColumns, RefusedMessage, read_columns
     from ariac_score.logs.messages import RecordedMessage, read_messages
+    from ariac_score.logs.rosbag import RosbagReader
     from ariac_score.ranking.evaluation import Entry, Evaluation, PlannedItem, Stop
     from ariac_score.results.cohort_file import Cohort, load_cohort
     from ariac_score.results.result import Code, Measured, Pinned, Provenance, Result
@@ -184,7 +186,12 @@ _MODULE_OF = {
     "Reader": "ariac_score.checks.contracts",
     "ReportPanel": "ariac_score.checks.contracts",
     "ReaderFacts": "ariac_score.checks.contracts",
+    "MessageColumns": "ariac_score.logs.message_columns",
+    "RecordedColumns": "ariac_score.logs.message_columns",
     "RecordedMessage": "ariac_score.logs.messages",
+    "RefusedMessage": "ariac_score.logs.message_columns",
+    "RosbagReader": "ariac_score.logs.rosbag",
+    "read_columns": "ariac_score.logs.message_columns",
     "Resolving": "ariac_score.checks.contracts",
     "Result": "ariac_score.results.result",
     "Rule": "ariac_score.checks.contracts",
@@ -281,6 +288,7 @@ __all__ = [
     "Margined",
     "Measure",
     "Measured",
+    "MessageColumns",
     "MissingSignalError",
     "ModelTrack",
     "Monitor",
@@ -299,10 +307,13 @@ __all__ = [
     "ReaderFacts",
     "Record",
     "RecordKind",
+    "RecordedColumns",
     "RecordedMessage",
+    "RefusedMessage",
     "ReportPanel",
     "Resolving",
     "Result",
+    "RosbagReader",
     "Rule",
     "RuleSet",
     "Sample",
@@ -348,6 +359,7 @@ __all__ = [
     "parameter_facts",
     "plain",
     "price_trial",
+    "read_columns",
     "read_messages",
     "reprice",
     "sample_durations",

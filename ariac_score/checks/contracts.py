@@ -421,6 +421,8 @@ class ReaderFacts:
         formats: What it reads, for messages that list what is known; empty to be left out.
         holds_runs: Whether a file may hold several runs; the reader then has `runs` (see `HoldsRuns`).
         folders: Whether a whole folder may be one log, as rosbag2 writes it.
+        beside: Shell patterns of names of files that lie beside such a log and belong to its trial, where a
+            reader recognises them as something else than a log.
     """
 
     role: str = "log"
@@ -428,6 +430,7 @@ class ReaderFacts:
     formats: str = ""
     holds_runs: bool = False
     folders: bool = False
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

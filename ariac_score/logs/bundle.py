@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from ariac_score.checks.contracts import Likening, Reader, ReaderFacts, reader_facts
@@ -116,7 +117,7 @@ def find_parts(path: Path, readers: Mapping[str, Reader]) -> Bundle:
         return _named_parts(path / BUNDLE_FILE, readers)
     bag = _as_folder(path, readers)
     if bag is not None:
-        return Bundle(_folder_name(path), path, (bag,))
+        return _with_neighbours(Bundle(_folder_name(path), path, (bag,)), readers)
     return _searched_folder(path, readers)
 
 
@@ -220,7 +221,29 @@ def _single_file(path: Path, readers: Mapping[str, Reader]) -> Bundle:
             else "the file is empty"
         )
         raise NothingToScoreError(cause, file=path, hint=f"known formats: {known_formats(readers)}")
-    return Bundle(path.stem, path, (part,))
+    return _with_neighbours(Bundle(path.stem, path, (part,)), readers)
+
+
+def _with_neighbours(bundle: Bundle, readers: Mapping[str, Reader]) -> Bundle:
+    """A log with the files beside it that its reader says belong to it.
+
+    Raises:
+        LogError: Two of them have one role.
+    """
+    (log,) = bundle.parts
+    folder = bundle.root.resolve().parent
+    if not log.facts.beside:
+        return bundle
+    names = sorted(
+        file
+        for file in folder.iterdir()
+        if file.is_file() and any(fnmatchcase(file.name, pattern) for pattern in log.facts.beside)
+    )
+    found = [part for file in names if (part := _as_part(file, readers)) and part.role != "log"]
+    if not found:
+        return bundle
+    _refuse_two_trials(found, folder)
+    return replace(bundle, root=folder, parts=(log, *found))
 
 
 def _likeness(path: Path, readers: Mapping[str, Reader]) -> str:

@@ -363,7 +363,7 @@ class Result:
     possible: Decimal | None
     ledger: Ledger | None
     assumptions: tuple[Assumption, ...]
-    digits: Annotated[int, Meta(ge=0, le=9)]
+    digits: Annotated[int, Meta(ge=0, le=12)]
     provenance: Provenance
     task: Ledger | None = None
     cohort: CohortValues = field(default_factory=CohortValues)

@@ -115,7 +115,7 @@ def _ends(span: Mapping[str, float] | None) -> list[float] | None:
 
 
 class _Rounding1(Struct, frozen=True, forbid_unknown_fields=True):
-    score_decimals: Annotated[int, Meta(ge=0, le=9)] | UnsetType = UNSET
+    score_decimals: Annotated[int, Meta(ge=0, le=12)] | UnsetType = UNSET
     measured_significant_digits: int | UnsetType = UNSET
 
 

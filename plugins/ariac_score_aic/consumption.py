@@ -1,0 +1,188 @@
+"""What the scorer takes of a recording: the series that it makes while reading, and places at given times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from ariac_score import FloatArray, Record, Trial
+from ariac_score_aic.chains import Feed, Poses, at_every_stamp, final_buffer, lengths_m, poses_while_reading
+from ariac_score_aic.messages import (
+    SCORING_STATIC,
+    SCORING_TF,
+    TF,
+    TF_STATIC,
+    AicMessages,
+    IntArray,
+    Wrenches,
+)
+from ariac_score_aic.run_config import Connection
+from ariac_score_aic.task_times import TaskTimes
+from ariac_score_aic.transforms import IDENTITY, TransformBuffer, conjugate, turned
+
+__all__ = ["Consumed", "Consumption", "Plug", "consumed_of"]
+
+_MARGIN_S = 5.0
+"""By so much the buffer outlasts the longest time limit. Source: `aic_engine.cpp`, line 1318, since PR 218."""
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Consumption:
+    """How one state of the scorer takes what is recorded; see `Aic` for what each means."""
+
+    gripper_frame: str
+    reference_frame: str
+    board_is_static: bool
+    poses_while_reading: bool
+    ends_at_end: bool
+    start_distance: str
+    lookups_reversed: bool
+    wrench_topic: str
+    tare: bool
+    scoring_static: bool
+    both_ends: bool
+
+
+@dataclass(frozen=True)
+class Plug:
+    """Where a plug, its port and the port's entrance are, m, in the reference frame; `None`: not had."""
+
+    plug_m: Vector | None
+    port_m: Vector | None
+    entrance_m: Vector | None
+
+    @property
+    def distance_m(self) -> float | None:
+        """From the plug to the port; `None` where one of the two is not had."""
+        return None if self.plug_m is None or self.port_m is None else _distance_m(self.plug_m, self.port_m)
+
+
+def _distance_m(a: Vector, b: Vector) -> float:
+    x, y, z = (p - q for p, q in zip(a, b, strict=True))
+    return float(np.sqrt(x * x + y * y + z * z))
+
+
+@dataclass(frozen=True, eq=False)
+class Consumed(Record):
+    """A recording as one state of the scorer took it; its series are computed when first asked for.
+
+    Attributes:
+        messages: The recording.
+        how: The state of the scorer.
+        connections: What was to be connected; empty where no configuration says it.
+        times: What is known of the times of the task.
+        longest_limit_s: The longest time limit of the run, s.
+        trial_id: Of the trial.
+    """
+
+    timed: ClassVar[bool] = False
+
+    messages: AicMessages
+    how: Consumption
+    connections: tuple[Connection, ...]
+    times: TaskTimes
+    longest_limit_s: float
+    trial_id: str
+
+    @cached_property
+    def feed(self) -> Feed:
+        """How its transforms are taken."""
+        part = "task_board" if self.how.board_is_static else ""
+        static = (SCORING_STATIC,) if self.how.scoring_static else ()
+        buffer_ns = round((self.longest_limit_s + _MARGIN_S) * 1e9)
+        return Feed(buffer_ns, part, (TF, TF_STATIC, SCORING_TF, *static))
+
+    @cached_property
+    def cable(self) -> str:
+        """The cable that counts where both ends do: the first that was activated; empty without any."""
+        texts = self.messages.activated.texts
+        return texts[0].decode("utf-8", "replace") if texts else ""
+
+    def frames_of(self, connection: Connection) -> tuple[str, str, str]:
+        """The names of the frames of plug, port and entrance."""
+        cable = self.cable if self.how.both_ends else connection.cable_name
+        board = "" if self.how.both_ends else "task_board/"
+        port = f"{board}{connection.target_module_name}/{connection.port_name}_link"
+        return f"{cable}/{connection.plug_name}_link", port, f"{port}_entrance"
+
+    @cached_property
+    def buffer(self) -> TransformBuffer:
+        """The transforms after all is read, with the link of the world that is added then."""
+        wanted = [name for connection in self.connections for name in self.frames_of(connection)]
+        names = (*wanted, self.how.gripper_frame, self.how.reference_frame, "world")
+        buffer = final_buffer(self.messages.transforms, self.feed, names)
+        if not self.how.both_ends:
+            buffer.set("world", self.how.reference_frame, 0, IDENTITY, static=True)
+        return buffer
+
+    @cached_property
+    def poses(self) -> Poses:
+        """The poses of the gripper in the order in which they were appended."""
+        target, source = self.how.reference_frame, self.how.gripper_frame
+        if self.how.poses_while_reading:
+            return poses_while_reading(self.messages.transforms, self.feed, target, source)
+        return at_every_stamp(self.messages.transforms, self.buffer, self.feed, target, source)
+
+    @cached_property
+    def path_length_m(self) -> float:
+        """The sum of the distances of neighbouring poses, one after the other."""
+        steps = lengths_m(self.poses.position_m)
+        return float(np.cumsum(steps)[-1]) if len(steps) else 0.0
+
+    @cached_property
+    def velocities(self) -> tuple[FloatArray, FloatArray]:
+        """The tool's velocities: stamps in s, shape (n,), and m/s, shape (n, 3), those of repeated stamps once."""
+        states = self.messages.controller
+        kept = np.concatenate(([True], np.diff(states.stamp_ns) != 0))[: len(states.stamp_ns)]
+        stamps = states.stamp_ns[kept]
+        # As the scorer has them: its forces have stamps of another rounding.
+        return stamps // 10**9 + (stamps % 10**9) * 1e-9, states.velocity_m_s[kept]
+
+    @cached_property
+    def forces(self) -> tuple[IntArray, FloatArray]:
+        """The forces that count: stamps in ns, shape (n,), and N, shape (n, 3)."""
+        raw = self.messages.wrenches.get(self.how.wrench_topic, Wrenches())
+        if not self.how.tare:
+            return raw.stamp_ns, raw.force_n
+        states = self.messages.controller
+        before = np.searchsorted(states.order, raw.order, side="right") - 1
+        had = before >= 0
+        return raw.stamp_ns[had], raw.force_n[had] - states.offset_n[before[had]]
+
+    def plug_at(self, connection: Connection, stamp_ns: int) -> Plug:
+        """Where the plug and its port are at a time, 0 for the latest."""
+        return Plug(*(self._position(name, stamp_ns) for name in self.frames_of(connection)))
+
+    def _position(self, frame: str, stamp_ns: int) -> Vector | None:
+        found = self.buffer.lookup(self.how.reference_frame, frame, stamp_ns)
+        if found is None:
+            return None
+        if not self.how.lookups_reversed:
+            return found.position_m
+        # Until PR 234 it took the reference in the frame for the frame in the reference.
+        x, y, z = found.position_m
+        return turned((-x, -y, -z), conjugate(found.turn_xyzw))
+
+    def first_distance_m(self, connection: Connection) -> float | None:
+        """The earliest distance from plug to port that is had."""
+        stamps = np.unique(self.messages.transforms.stamp_ns)
+        found = (self.plug_at(connection, stamp).distance_m for stamp in stamps.tolist() if stamp)
+        return next((distance for distance in found if distance is not None), None)
+
+    def trial_s(self, stamps_ns: Iterable[int]) -> list[float] | None:
+        """Header stamps as times of the trial; `None` where one lies outside what was recorded."""
+        recorded, stamps = self.messages.recorded_ns, list(stamps_ns)
+        if recorded is None or not stamps or min(stamps) < recorded[0] or max(stamps) > recorded[1]:
+            return None
+        return [(stamp - recorded[0]) / 1e9 for stamp in stamps]
+
+
+def consumed_of(trial: Trial) -> Consumed | None:
+    """What the scorer took of the recording of a trial; `None` without one."""
+    return next((record for record in trial.records if isinstance(record, Consumed)), None)

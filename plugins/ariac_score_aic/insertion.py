@@ -1,0 +1,246 @@
+"""Whether the plug is in its port, partly in it, near it, or in another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from ariac_score import Finding, Measure, Trial, Verdict, WorkItem, check_parameters, parameter
+from ariac_score_aic.checks import NO_RECORDING
+from ariac_score_aic.consumption import Consumed, Plug, consumed_of
+from ariac_score_aic.run_config import Connection
+
+__all__ = ["Insertion", "StartDistance", "port_named"]
+
+_SOURCE = "aic_scoring/src/ScoringTier2.cc of intrinsic-dev/aic, db40abcf"
+_NO_CONFIG = "no configuration says which plug belongs into which port: give it with --trial-config"
+
+
+def port_named(event: bytes) -> tuple[bytes, bytes] | None:
+    """Module and port of an insertion event; `None` of a text that names no two.
+
+    Parts that are empty are dropped before each slash; the last part stays whatever it is, further ones do not
+    count.
+
+    >>> port_named(b"//card/port"), port_named(b"card/"), port_named(b"/card")
+    ((b'card', b'port'), (b'card', b''), None)
+    """
+    *before, last = event.split(b"/")
+    parts = [part for part in before if part] + [last]
+    return (parts[0], parts[1]) if len(parts) >= 2 else None
+
+
+def connection_of(consumed: Consumed, item: WorkItem) -> Connection | None:
+    """What an item says is to be connected."""
+    facts = item.facts
+    return next((c for c in consumed.connections if all(facts.get(k) == v for k, v in vars(c).items())), None)
+
+
+@dataclass(frozen=True)
+class StartDistance:
+    """The plug begins at some distance from its port.
+
+    Measures:
+        The distance from plug to port when the task starts, in m; 0 where it is not had.
+    Violated when:
+        Never.
+    Source:
+        `ScoringTier2.cc`, line 722; the start of the task since PR 307.
+    """
+
+    part_of: ClassVar[str] = "task"
+    level: ClassVar[str] = "connection"
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "start_distance_m": Measure(
+            "m", best=0.0, worst=0.0, signed=False, meaning="from plug to port at the start"
+        )
+    }
+
+    def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
+        """One finding about the connection."""
+        consumed = consumed_of(trial)
+        if consumed is None:
+            yield Finding.inconclusive(item.id, NO_RECORDING)
+            return
+        connection = connection_of(consumed, item)
+        if connection is None:
+            if consumed.times.not_completed:
+                yield Finding(item.id, Verdict.SATISFIED, _NO_CONFIG, quantities={"start_distance_m": 0.0})
+            else:
+                yield Finding.inconclusive(item.id, _NO_CONFIG)
+            return
+        found = start_distance_m(consumed, connection)
+        if found is None:
+            yield Finding.inconclusive(item.id, "no file says when the task started")
+            return
+        distance_m, words = found
+        yield Finding(item.id, Verdict.SATISFIED, words, quantities={"start_distance_m": distance_m})
+
+
+def start_distance_m(consumed: Consumed, connection: Connection) -> tuple[float, str] | None:
+    """The distance that counts as the first one, with words; `None` where nobody knows when the task started."""
+    if consumed.how.start_distance == "none":
+        return 0.0, "not looked at"
+    if consumed.how.start_distance == "first":
+        distance = consumed.first_distance_m(connection)
+    else:
+        times = consumed.times
+        if times.start_ns is None:
+            return (0.0, "the task had no start") if times.start_known else None
+        distance = consumed.plug_at(connection, times.start_ns).distance_m
+    if distance is None:
+        return 0.0, "the distance was not had when the task started, and counts as 0 m"
+    return distance, f"{distance:.4f} m from plug to port at the start"
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """The plug is in its port.
+
+    Measures:
+        What the last insertion event says; without one where the plug is when the task ends: its height above the
+        port, the depth of the port, the distance, and how far within reach that is. A plug is partly inserted
+        below the entrance and above `below_m` under the port, within `aside_m` in x and y of the world.
+    Violated when:
+        No event says that it is in its port.
+    Source:
+        `ScoringTier2.cc`, lines 700 to 830. Axes are those of the world, and orientation does not matter.
+    """
+
+    part_of: ClassVar[str] = "task"
+    mistake: ClassVar[tuple[str, str]] = ("plug not in its port", "plugs not in their ports")
+    level: ClassVar[str] = "connection"
+    measures: ClassVar[Mapping[str, Measure]] = {
+        "right_port": Measure("count", best=1.0, worst=0.0, meaning="1 where an event says so"),
+        "wrong_port": Measure("count", best=0.0, worst=1.0, meaning="1 where an event names another port"),
+        "partial": Measure("count", best=1.0, worst=0.0, meaning="1 where it is partly in its port"),
+        "placed": Measure(
+            "count", best=1.0, worst=0.0, meaning="1 where the places of all are known at the end"
+        ),
+        "plug_height_m": Measure("m", best=0.0, worst=1.0, signed=True, meaning="of the plug above the port"),
+        "entrance_height_m": Measure(
+            "m", best=1.0, worst=1.0, signed=True, meaning="of the entrance above the port"
+        ),
+        "distance_m": Measure("m", best=0.0, worst=1e6, signed=False, meaning="from plug to port"),
+        "radius_m": Measure(
+            "m", best=1.0, worst=1.0, signed=True, meaning="over which nearness counts, beyond the depth"
+        ),
+        "within_reach_m": Measure(
+            "m", best=1.0, worst=-1.0, signed=True, meaning="how far within that it is"
+        ),
+    }
+
+    aside_m: float = parameter(0.005, unit="m", above=0, at_most=1, status="verified", source=_SOURCE)
+    below_m: float = parameter(0.01, unit="m", at_least=0, at_most=1, status="verified", source=_SOURCE)
+    radius_share: float = parameter(0.5, unit="1", at_least=0, at_most=10, status="verified", source=_SOURCE)
+    fixed_radius_m: float = parameter(
+        0.0, unit="m", at_least=0, at_most=10, source="0: a share of the start distance"
+    )
+    event: Literal["port", "any", "ends"] = parameter(
+        "port", source="what an insertion event says; PR 245, PR 552"
+    )
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
+        """One finding about the connection."""
+        consumed = consumed_of(trial)
+        if consumed is None:
+            yield Finding.inconclusive(item.id, NO_RECORDING)
+            return
+        times, connection = consumed.times, connection_of(consumed, item)
+        if times.not_completed:
+            yield _found(item, "the task was not completed, so that nothing counts")
+        elif connection is None:
+            yield Finding.inconclusive(item.id, _NO_CONFIG)
+        elif times.completed is None:
+            yield Finding.inconclusive(item.id, "no file says whether and when the task was completed")
+        else:
+            yield self._completed(consumed, connection, item)
+
+    def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
+        said = self._event(consumed, connection, item)
+        if said is not None and self.event != "any":
+            return said
+        times = consumed.times
+        if consumed.how.ends_at_end and times.end_ns is None:
+            return Finding.inconclusive(item.id, "no insertion event, and no file says when the task ended")
+        plug = consumed.plug_at(connection, (times.end_ns or 0) if consumed.how.ends_at_end else 0)
+        start = start_distance_m(consumed, connection)
+        if start is None and not self.fixed_radius_m:
+            return Finding.inconclusive(item.id, "no insertion event, and no file says when the task started")
+        if times.start_known and times.start_ns is None and self.event != "any":
+            return _found(item, "no insertion event, and the task had no start")
+        radius_m = self.fixed_radius_m or self.radius_share * (start[0] if start else 0.0)
+        inserted = said is not None and said.quantities.get("right_port", 0.0) > 0
+        return self._by_place(item, plug, radius_m, inserted=inserted)
+
+    def _event(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding | None:
+        """What the events say; `None` where they say nothing."""
+        texts = consumed.messages.events.texts
+        if self.event == "any":
+            return _found(item, "an insertion was reported", right_port=1.0) if any(texts) else None
+        if self.event == "ends":
+            number = consumed.connections.index(connection)
+            texts = tuple(_of_end(text, consumed.cable.encode(), number) for text in texts)
+            texts = tuple(text for text in texts if text)
+        if not texts or not texts[-1]:
+            return None
+        shown = texts[-1].decode("utf-8", "backslashreplace")
+        port = port_named(texts[-1])
+        if port is None:
+            return _found(item, f"the insertion event {shown!r} names no module and port")
+        if port == (connection.target_module_name.encode(), connection.port_name.encode()):
+            return _found(item, f"inserted into {shown!r}", right_port=1.0)
+        return _found(item, f"inserted into {shown!r}, which is the wrong port", wrong_port=1.0)
+
+    def _by_place(self, item: WorkItem, plug: Plug, radius_m: float, *, inserted: bool) -> Finding:
+        flag = {"right_port": 1.0} if inserted else {}
+        distance_m = plug.distance_m
+        if plug.plug_m is None or plug.port_m is None or distance_m is None:
+            return _found(
+                item, "no insertion event, and plug or port had no place when the task ended", **flag
+            )
+        if plug.entrance_m is None and self.event != "any":
+            return _found(
+                item, "no insertion event, and the entrance had no place when the task ended", **flag
+            )
+        entrance_m = plug.entrance_m or plug.port_m
+        depth_m = abs(entrance_m[2] - plug.port_m[2])
+        reach_m = depth_m + radius_m
+        height_m = plug.plug_m[2] - plug.port_m[2]
+        aside = [abs(plug.plug_m[axis] - plug.port_m[axis]) for axis in (0, 1)]
+        partial = max(aside) < self.aside_m and plug.plug_m[2] < entrance_m[2] and height_m > -self.below_m
+        near = f"{distance_m:.4f} m from its port"
+        return _found(
+            item,
+            f"partly inserted, {height_m:.4f} m above the port" if partial else near,
+            **flag,
+            partial=float(partial),
+            placed=1.0,
+            plug_height_m=height_m,
+            entrance_height_m=entrance_m[2] - plug.port_m[2],
+            distance_m=distance_m,
+            radius_m=reach_m - depth_m,
+            within_reach_m=reach_m - distance_m,
+        )
+
+
+def _of_end(event: bytes, cable: bytes, number: int) -> bytes:
+    """What an event says of one end of a cable, such as `cable_1#0#/module/port`; empty of another one."""
+    parts = event.split(b"#", 2)
+    return (
+        parts[2]
+        if len(parts) == 3 and (parts[0], parts[1]) == (cable, str(number).encode()) and cable
+        else b""
+    )
+
+
+def _found(item: WorkItem, message: str, **known: float) -> Finding:
+    quantities = {name: known.get(name, 0.0) for name in Insertion.measures}
+    satisfied = quantities["right_port"] > 0
+    return Finding(
+        item.id, Verdict.SATISFIED if satisfied else Verdict.VIOLATED, message, quantities=quantities
+    )
