@@ -49,6 +49,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="folder of recordings with expectations to run (default: ../shared/bags); it may not be empty",
     )
+    parser.addoption(
+        "--aic-cases",
+        metavar="DIR",
+        help="folder of cases of the AI for Industry Challenge (default: ../shared/aic); it may not be empty",
+    )
 
 
 @pytest.fixture(scope="session", autouse=True)

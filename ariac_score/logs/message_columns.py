@@ -1,11 +1,12 @@
-"""Chosen fields of the messages of a recording as columns: for readers of plugins that need all of a topic."""
+"""Chosen fields of the messages of a recording as columns: for readers that need all of a topic."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
+
+import numpy as np
 
 from ariac_score.documents.given import path_of
 from ariac_score.errors import LogError
@@ -91,7 +92,8 @@ def read_columns(
     Args:
         path: A file `.mcap`, `.bag` or `.db3`, or a folder of them.
         wanted: By topic the dotted paths of its fields, or of messages of which everything is wanted. Paths
-            that a type does not have are left out.
+            that a type does not have are left out. Where none is named, times of
+            recording alone come.
         jobs: Threads that read; 0: as many as there are processors.
 
     Raises:
@@ -130,6 +132,7 @@ class _Gathering:
         self._fields = fields
         self._pending, self._number = Pending(), 0
         self._decoders: dict[Connection, ColumnDecoder] = {}
+        self._undecoded: dict[Connection, list[tuple[IntArray, IntArray]]] = {}
         self._parts: list[MessageColumns] = []
         self._refused: list[RefusedMessage] = []
         self._topics: dict[str, str] = {}
@@ -145,7 +148,10 @@ class _Gathering:
         else:
             self._number += 1
             self._count(item.connection, 1, item.stamp_ns, item.stamp_ns)
-            if item.connection in self._decoders:
+            if item.connection in self._undecoded:
+                row = np.array([self._number]), np.array([item.stamp_ns])
+                self._undecoded[item.connection].append(row)
+            elif item.connection in self._decoders:
                 self._pending.add(item, self._number)
                 if self._pending.full:
                     self.flush()
@@ -154,7 +160,10 @@ class _Gathering:
         first = self._number + 1
         self._number += len(batch)
         for place, connection in enumerate(batch.connections):
-            stamps_ns = batch.stamps_ns[batch.sources == place]
+            rows = np.flatnonzero(batch.sources == place)
+            stamps_ns = batch.stamps_ns[rows]
+            if connection in self._undecoded:
+                self._undecoded[connection].append((rows + first, stamps_ns))
             if len(stamps_ns):
                 self._count(connection, len(stamps_ns), int(stamps_ns.min()), int(stamps_ns.max()))
         for waiting in self._pending.take(batch, self._decoders, first):
@@ -171,6 +180,9 @@ class _Gathering:
         self._topics.setdefault(topic, connection.type)
         self._counts.setdefault(topic, 0)
         if topic not in self._fields:
+            return
+        if not self._fields[topic]:
+            self._undecoded[connection] = []
             return
         try:
             self._decoders[connection] = column_decoder_for(connection, self._fields[topic])
@@ -205,6 +217,11 @@ class _Gathering:
             ]
 
     def found(self) -> RecordedColumns:
+        for connection, rows in self._undecoded.items():
+            if rows:
+                numbers, stamps_ns = (np.concatenate(part) for part in zip(*rows, strict=True))
+                bare = MessageColumns(_named(connection), connection.type, numbers, stamps_ns, {})
+                self._parts.append(bare)
         refused = tuple(sorted(self._refused, key=lambda message: message.number))
         return RecordedColumns(
             tuple(self._parts), refused, self._topics, self._counts, self._span_ns, self._unreadable

@@ -34,7 +34,7 @@ TEXT_FILES = (".rml",)
 """A parameter that names a file ending so stands for its text."""
 
 MAX_TEXT_BYTES = 1_000_000
-MAX_EXTENDS = 8
+MAX_EXTENDS = 32
 """Rule sets that may extend each other in a row."""
 
 GROUP = "ariac_score.rule_sets"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntFlag
-from math import inf, isfinite, isnan
+from math import floor, inf, isfinite, isinf, isnan
 from typing import Any, Protocol
 
 from ariac_score.errors import FormulaError
@@ -260,6 +260,11 @@ def _absolute(one: Typed) -> Typed:
     return Typed(0, max(-one.least, one.most), _by(one.signs, Sign.BOTH))
 
 
+def _floor(one: Typed) -> Typed:
+    least, most = (value if isinf(value) else floor(value) for value in (one.least, one.most))
+    return Typed(least, most, one.signs)
+
+
 def _ramp(best: Typed, worst: Typed, hi: Typed, lo: Typed, x: Typed) -> Typed:
     ends = Typed(min(best.least, worst.least), max(best.most, worst.most), joined(best, worst))
     if x.least >= hi.most:
@@ -332,6 +337,7 @@ _FUNCTIONS: Mapping[str, Callable[[Sequence[Typed]], Typed]] = {
     "abs": lambda v: _absolute(v[0]),
     "clip": lambda v: least_of([most_of(v[:2]), v[2]]),
     "ramp": lambda v: _ramp(*v),
+    "floor": lambda v: _floor(v[0]),
     "sum": total,
     "mean": lambda v: _product(total(v), constant(1 / len(v))),
     "any": lambda v: most_of([truth_of(one) for one in v]),

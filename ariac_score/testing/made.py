@@ -157,15 +157,20 @@ def inhabited(trial: Trial, subjects: Subjects) -> Trial:
 
 
 def made_trial_for(plugin: Plugin, registry: Registry) -> Trial:
-    """A trial that gives a plugin something to say: of its distribution's competition, if there is one."""
+    """A trial that gives a plugin something to say: of the competition of its package, if there is one.
+
+    Otherwise of the competitions of its distribution that which shows most.
+    """
+    own, others = [], []
     for name in registry.names(_COMPETITIONS):
         competition = registry.find(_COMPETITIONS, name)
-        if competition.distribution == plugin.distribution:
-            offer = getattr(competition.build({}), "made_trial", None)
-            if offer is not None:
-                trial: Trial = offer()
-                return trial
-    return made_trial()
+        offer = getattr(competition.build({}), "made_trial", None)
+        if offer is not None and competition.package == plugin.package:
+            own.append(offer)
+        elif offer is not None and competition.distribution == plugin.distribution:
+            others.append(offer)
+    trials: list[Trial] = [offer() for offer in own[:1] or others]
+    return max(trials, key=lambda trial: len(trial.signals), default=None) or made_trial()
 
 
 def example_trial(rules: str | RuleSet, *, seed: int = 2020) -> Trial:

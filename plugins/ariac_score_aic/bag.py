@@ -1,4 +1,4 @@
-"""Reads the recordings of the engine, and those of the finals, in the order in which the scorer takes them."""
+"""Reads the recordings of the engine, and of the finals, in the order in which the scorer takes them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ariac_score import (
     LogDescription,
     LogError,
     MessageColumns,
-    NothingToScoreError,
     ReaderFacts,
     RecordedColumns,
     RosbagReader,
@@ -61,7 +60,7 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     EVENT: ("data",),
     ACTIVATED: ("data",),
     LOG: ("stamp", "msg"),
-    **dict.fromkeys(COMMANDS, _STAMP),
+    **dict.fromkeys(COMMANDS, ()),
 }
 _MARKS = (b"aic_control_interfaces/", b"/scoring/tf", EVENT.encode(), CONTACTS.encode(), b"/aic_controller/")
 """A recording that has one of these is one of the engine or of the finals."""
@@ -89,7 +88,7 @@ class AicBagReader:
     )
 
     def can_read(self, path: Path) -> bool:
-        """Whether it is a ROS recording that has topics of the challenge, or is named as the engine names them."""
+        """Whether it is a ROS recording with topics of the challenge, or named as the engine does it."""
         if not RosbagReader().can_read(path):
             return False
         if path.is_dir() and path.name.startswith("bag_"):
@@ -129,7 +128,7 @@ class AicBagReader:
 
     def _others(self, path: Path, wanted: Wanted) -> Trial | None:
         """What the log map makes of the recording, where the rules want more than the scorer's messages."""
-        if not wanted.quantities and not wanted.log_map.channels:
+        if not wanted.log_map.channels_for(wanted.quantities):
             return None
         return RosbagReader().read(path, wanted)
 
@@ -278,8 +277,8 @@ def _log_times(found: RecordedColumns, topic: str) -> IntArray:
 def _transforms(found: RecordedColumns, place: _Places) -> Transforms:
     numbering: dict[str, int] = {}
     columns: list[tuple[Any, ...]] = []
-    for index, topic in enumerate(_TF_TOPICS):
-        for part in found.of(topic):
+    for index, name in enumerate(_TF_TOPICS):
+        for part in found.of(name):
             counts = part.columns["transforms.child_frame_id"].per_message()
             order = np.repeat(place.of(part.numbers), counts)
             values = {path.removeprefix("transforms."): c.values for path, c in part.columns.items()}
@@ -295,7 +294,8 @@ def _transforms(found: RecordedColumns, place: _Places) -> Transforms:
         return Transforms(topics=_TF_TOPICS)
     joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
     by_place = np.argsort(joined[0], kind="stable")  # transforms of one message keep their order
-    return Transforms(*(part[by_place] for part in joined), _TF_TOPICS, tuple(numbering))
+    order, topic, stamps, parents, children, rows = (part[by_place] for part in joined)
+    return Transforms(order, topic, stamps, parents, children, rows, _TF_TOPICS, tuple(numbering))
 
 
 def _numbered(column: Any, numbering: dict[str, int]) -> IntArray:
@@ -362,12 +362,12 @@ def _log(found: RecordedColumns, place: _Places) -> Texts:
         places, texts = place.of(part.numbers).tolist(), [t.encode() for t in part.columns["msg"].text()]
         rows += list(zip(places, part.log_ns.tolist(), stamps.tolist(), texts, strict=True))
     rows.sort()
-    columns = [np.array([row[i] for row in rows], dtype=np.int64) for i in range(3)]
-    return Texts(*columns, tuple(row[3] for row in rows))
+    order, log_ns, stamps = (np.array([row[i] for row in rows], dtype=np.int64) for i in range(3))
+    return Texts(order, log_ns, stamps, tuple(row[3] for row in rows))
 
 
 def _repeats(found: RecordedColumns) -> int:
-    """How often each state of the controller is in the recording, as that of the n-th trial of a run has them."""
+    """How often each state of the controller is recorded: n times in the n-th trial of a run."""
     stamps = [_stamps({p: c.values for p, c in part.columns.items()}) for part in found.of(CONTROLLER)]
     stamps = [s for s in stamps if len(s)]
     if not stamps:
@@ -382,7 +382,7 @@ def _defects(messages: AicMessages) -> Iterable[LogDefect]:
             "repeated_messages",
             messages.name,
             messages.repeats,
-            f"each message is recorded {messages.repeats} times, as in the recordings of later trials of one run; "
+            f"each message is recorded {messages.repeats} times, as in those of later trials of a run; "
             "they count as the scorer counts them",
         )
     if CONTROLLER not in messages.topics:
@@ -391,13 +391,3 @@ def _defects(messages: AicMessages) -> Iterable[LogDefect]:
         )
     if not messages.witnesses_contacts:
         yield LogDefect("no_contacts", CONTACTS, 1, "contacts were not recorded; as coded, none is none")
-
-
-def refuse_empty(messages: AicMessages, file: Path) -> None:
-    """Refuse a recording without any message.
-
-    Raises:
-        NothingToScoreError: It has none.
-    """
-    if messages.recorded_ns is None:
-        raise NothingToScoreError("the recording holds no message", file=file, hint="did the engine record?")

@@ -42,7 +42,7 @@ class Feed:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses in the order in which they were appended: stamps, shape (n,), and positions in m, shape (n, 3)."""
+    """Poses in order of appending: stamps, shape (n,), and positions in m, shape (n, 3)."""
 
     stamp_ns: IntArray
     position_m: FloatArray
@@ -135,7 +135,7 @@ def _increasing_frame(transforms: Transforms, rows: NDArray[np.intp], buffer_ns:
 
 
 def replayed(transforms: Transforms, feed: Feed, target: str, source: str) -> Poses:
-    """The poses that the scorer appends: after each message of a moving topic the latest, where its stamp is new."""
+    """The poses that the scorer appends: after each message the latest, where its stamp is new."""
     chosen = relevant(taken(transforms, feed), (target, source))
     static, buffer = statics(chosen, feed), TransformBuffer(feed.buffer_ns)
     asked = _asked(transforms, feed).tolist()

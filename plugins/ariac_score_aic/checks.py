@@ -10,6 +10,7 @@ import numpy as np
 
 from ariac_score import (
     Finding,
+    FloatArray,
     Measure,
     Sample,
     Span,
@@ -21,7 +22,7 @@ from ariac_score import (
 )
 from ariac_score_aic.consumption import Consumed, consumed_of
 from ariac_score_aic.jerk import MeanJerk, jerk_of_poses, jerk_of_velocities
-from ariac_score_aic.messages import CONTACTS
+from ariac_score_aic.messages import CONTACTS, IntArray
 
 __all__ = ["Contacts", "ForceTime", "PathLength", "PolynomialJerk", "PoseJerk", "TaskTime"]
 
@@ -34,8 +35,8 @@ class TaskTime:
     """The task is completed, in a time.
 
     Measures:
-        From the acceptance of the goal to the result with success, in s; whether it was completed, and whether
-        its start is known.
+        From the acceptance of the goal to the result with success, in s; whether it was completed, and
+        whether its start is known.
     Violated when:
         It is known that the task was not completed.
     Source:
@@ -79,7 +80,7 @@ class TaskTime:
             yield Finding(
                 item.id,
                 Verdict.INCONCLUSIVE,
-                "no file says when the task started and ended: add task_times.yaml, or scoring.yaml of the run",
+                "no file says when the task started and ended: add task_times.yaml or scoring.yaml",
                 quantities={"completed": 1.0} if times.completed else {},
             )
 
@@ -97,7 +98,8 @@ class ForceTime:
 
     Measures:
         The time for which the force at the wrist, without the offset that the controller states, is above
-        `threshold_n`: the sum of the steps before each such sample, whatever their length, all over the recording.
+        `threshold_n`: the sum of the steps before each such sample, whatever their length, all over the
+        recording.
     Violated when:
         That time is longer than `limit_s`.
     Source:
@@ -144,7 +146,7 @@ class ForceTime:
             evidence=_evidence(consumed, stamps, force, above),
         )
 
-    def time_above_s(self, t_s: np.ndarray, force_n: np.ndarray) -> tuple[float, float, np.ndarray]:  # type: ignore[type-arg]
+    def time_above_s(self, t_s: FloatArray, force_n: FloatArray) -> tuple[float, float, IntArray]:
         """The time above the threshold in s, the peak in N, and at which samples it is above."""
         above = np.flatnonzero(force_n[1:] > self.threshold_n) + 1
         steps = t_s[above] - t_s[above - 1]
@@ -163,9 +165,7 @@ def _why_no_force(consumed: Consumed) -> str:
     return "no state of the controller came before any force"
 
 
-def _evidence(
-    consumed: Consumed, stamps: np.ndarray, force: np.ndarray, above: np.ndarray
-) -> tuple[Sample, ...]:  # type: ignore[type-arg]
+def _evidence(consumed: Consumed, stamps: IntArray, force: FloatArray, above: IntArray) -> tuple[Sample, ...]:
     """The largest force above the threshold."""
     if not len(above):
         return ()
@@ -237,8 +237,8 @@ class PathLength:
     Violated when:
         Never: what is long enough to cost points is for the rules to say.
     Source:
-        `ScoringTier2.cc`, lines 640 to 690: after each message of a moving topic the latest pose, where its stamp
-        is new.
+        `ScoringTier2.cc`, lines 640 to 690: after each message of a moving topic the latest pose, if its
+        stamp is new.
     """
 
     part_of: ClassVar[str] = "task"

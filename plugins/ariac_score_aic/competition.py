@@ -1,4 +1,4 @@
-"""What the AI for Industry Challenge knows of its runs: which trial a recording is of, and what its scorer took."""
+"""What the AI for Industry Challenge knows of its runs: which trial it is, and what its scorer took."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ariac_score import (
     parameter,
 )
 from ariac_score_aic.consumption import Consumed, Consumption
+from ariac_score_aic.finals import insertions_of
 from ariac_score_aic.messages import AicMessages
 from ariac_score_aic.run_config import PlannedTrial, RunConfig
 from ariac_score_aic.scoring_file import OfficialRun, official_of, times_from
@@ -46,7 +47,8 @@ class Aic:
         wrench_topic: Where the forces are.
         tare: Whether the offset that the controller states is taken from them.
         scoring_static: Whether `/scoring/tf_static` is heard.
-        ends: Which layout of names and topics there is: one plug, or both ends of a cable (phase 1).
+        ends: Which layout of names and topics there is: one plug, both ends of a cable (phase 1), or the
+            cables of a recording of the finals.
 
     Source:
         `aic_scoring/src/ScoringTier2.cc` of intrinsic-dev/aic, and its history.
@@ -62,7 +64,7 @@ class Aic:
     wrench_topic: str = parameter("/fts_broadcaster/wrench", source="PR 346")
     tare: bool = parameter(True, source="PR 299")
     scoring_static: bool = parameter(False, source="PR 367")
-    ends: Literal["one", "both"] = parameter("one", source="PR 552")
+    ends: Literal["one", "both", "finals"] = parameter("one", source="PR 552; batch_score_bags.py")
 
     levels: ClassVar[tuple[str, ...]] = ("connection", "task", "trial")
     facts: ClassVar[Mapping[str, Mapping[str, object]]] = {
@@ -109,7 +111,8 @@ class Aic:
         Raises:
             LogError: The configuration or the result beside the recording is of another run.
         """
-        messages, config = _one(trial, AicMessages), _one(trial, RunConfig)
+        messages = _one(trial, AicMessages)
+        config = None if self.ends == "finals" else _one(trial, RunConfig)
         official, stated = _one(trial, OfficialRun), _one(trial, TimesOfRun)
         planned = _planned(messages, config)
         name = planned.id if planned else _named(messages, official, stated)
@@ -124,10 +127,17 @@ class Aic:
             notes = (*notes, _other_run(name, official))
         return replace(
             trial,
-            work=(_task(planned, times, both=self.ends == "both"),) if messages is not None else trial.work,
+            work=trial.work if messages is None else self._work(messages, planned, times),
             official=shown or trial.official,
             log_defects=tuple(sorted({*trial.log_defects, *notes})),
         )
+
+    def _work(
+        self, messages: AicMessages, planned: PlannedTrial | None, times: TaskTimes
+    ) -> tuple[Item, ...]:
+        if self.ends != "finals":
+            return (_task(planned, times, both=self.ends == "both"),)
+        return tuple(Item(f"cable_{n}", "task") for n in range(1, insertions_of(messages).cables + 1))
 
     def printed_level(self, name: str) -> str:  # noqa: ARG002  # the engine prints nothing inside a trial
         """The level of a block of an official text; the engine's has none inside a trial."""
@@ -166,7 +176,7 @@ def _planned(messages: AicMessages | None, config: RunConfig | None) -> PlannedT
         else f"which trial of {config.file} it is of cannot be seen from the name {messages.name!r}",
         file=messages.name,
         hint=(
-            f"{did_you_mean(meant, known, what='its trials')}; give the configuration of the run: --trial-config FILE"
+            f"{did_you_mean(meant, known, what='its trials')}; give that of the run: --trial-config FILE"
             if named
             else "keep the name that the engine gave, bag_<trial>_<date>_<time>_<ms>"
         ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -27,7 +27,7 @@ from ariac_score_aic.transforms import IDENTITY, TransformBuffer, conjugate, tur
 __all__ = ["Consumed", "Consumption", "Plug", "consumed_of"]
 
 _MARGIN_S = 5.0
-"""By so much the buffer outlasts the longest time limit. Source: `aic_engine.cpp`, line 1318, since PR 218."""
+"""By so much the buffer outlasts the longest time limit. Source: `aic_engine.cpp`, 1318 (PR 218)."""
 
 Vector = tuple[float, float, float]
 
@@ -79,6 +79,7 @@ class Consumed(Record):
         times: What is known of the times of the task.
         longest_limit_s: The longest time limit of the run, s.
         trial_id: Of the trial.
+        later_s: By how much times of the trial are later than those since the recording began, s.
     """
 
     timed: ClassVar[bool] = False
@@ -89,6 +90,11 @@ class Consumed(Record):
     times: TaskTimes
     longest_limit_s: float
     trial_id: str
+    later_s: float = 0.0
+
+    def shifted(self, by_s: float) -> Consumed:
+        """The same recording in a trial whose times are later."""
+        return replace(self, later_s=self.later_s + by_s)
 
     @cached_property
     def feed(self) -> Feed:
@@ -137,7 +143,7 @@ class Consumed(Record):
 
     @cached_property
     def velocities(self) -> tuple[FloatArray, FloatArray]:
-        """The tool's velocities: stamps in s, shape (n,), and m/s, shape (n, 3), those of repeated stamps once."""
+        """The tool's velocities, those of repeated stamps once: s, shape (n,), and m/s, shape (n, 3)."""
         states = self.messages.controller
         kept = np.concatenate(([True], np.diff(states.stamp_ns) != 0))[: len(states.stamp_ns)]
         stamps = states.stamp_ns[kept]
@@ -180,7 +186,7 @@ class Consumed(Record):
         recorded, stamps = self.messages.recorded_ns, list(stamps_ns)
         if recorded is None or not stamps or min(stamps) < recorded[0] or max(stamps) > recorded[1]:
             return None
-        return [(stamp - recorded[0]) / 1e9 for stamp in stamps]
+        return [(stamp - recorded[0]) / 1e9 + self.later_s for stamp in stamps]
 
 
 def consumed_of(trial: Trial) -> Consumed | None:

@@ -20,8 +20,8 @@ _NO_CONFIG = "no configuration says which plug belongs into which port: give it 
 def port_named(event: bytes) -> tuple[bytes, bytes] | None:
     """Module and port of an insertion event; `None` of a text that names no two.
 
-    Parts that are empty are dropped before each slash; the last part stays whatever it is, further ones do not
-    count.
+    Parts that are empty are dropped before each slash; the last part stays whatever it is, further ones do
+    not count.
 
     >>> port_named(b"//card/port"), port_named(b"card/"), port_named(b"/card")
     ((b'card', b'port'), (b'card', b''), None)
@@ -79,7 +79,7 @@ class StartDistance:
 
 
 def start_distance_m(consumed: Consumed, connection: Connection) -> tuple[float, str] | None:
-    """The distance that counts as the first one, with words; `None` where nobody knows when the task started."""
+    """The distance that counts as the first one, with words; `None` where nobody knows the start."""
     if consumed.how.start_distance == "none":
         return 0.0, "not looked at"
     if consumed.how.start_distance == "first":
@@ -99,9 +99,9 @@ class Insertion:
     """The plug is in its port.
 
     Measures:
-        What the last insertion event says; without one where the plug is when the task ends: its height above the
-        port, the depth of the port, the distance, and how far within reach that is. A plug is partly inserted
-        below the entrance and above `below_m` under the port, within `aside_m` in x and y of the world.
+        What the last insertion event says; without one where the plug is when the task ends: its height above
+        the port, the distance, and how far within reach that is. A plug is partly inserted below the entrance
+        and less than `below_m` under the port, within `aside_m` in x and y of the world.
     Violated when:
         No event says that it is in its port.
     Source:
@@ -137,9 +137,8 @@ class Insertion:
     fixed_radius_m: float = parameter(
         0.0, unit="m", at_least=0, at_most=10, source="0: a share of the start distance"
     )
-    event: Literal["port", "any", "ends"] = parameter(
-        "port", source="what an insertion event says; PR 245, PR 552"
-    )
+    event: Literal["port", "any", "ends"] = parameter("port", source="what an event says; PR 245, PR 552")
+    place_always: bool = parameter(False, source="until PR 307 the place counted besides what an event says")
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -162,20 +161,22 @@ class Insertion:
 
     def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
         said = self._event(consumed, connection, item)
-        if said is not None and self.event != "any":
+        if said is not None and not self.place_always:
             return said
         times = consumed.times
         if consumed.how.ends_at_end and times.end_ns is None:
             return Finding.inconclusive(item.id, "no insertion event, and no file says when the task ended")
         plug = consumed.plug_at(connection, (times.end_ns or 0) if consumed.how.ends_at_end else 0)
+        if self.place_always:
+            return self._by_place(item, plug, 0.0, said)
         start = start_distance_m(consumed, connection)
         if start is None and not self.fixed_radius_m:
             return Finding.inconclusive(item.id, "no insertion event, and no file says when the task started")
-        if times.start_known and times.start_ns is None and self.event != "any":
+        if times.start_known and times.start_ns is None:
             return _found(item, "no insertion event, and the task had no start")
-        radius_m = self.fixed_radius_m or self.radius_share * (start[0] if start else 0.0)
-        inserted = said is not None and said.quantities.get("right_port", 0.0) > 0
-        return self._by_place(item, plug, radius_m, inserted=inserted)
+        return self._by_place(
+            item, plug, self.fixed_radius_m or self.radius_share * (start[0] if start else 0.0), None
+        )
 
     def _event(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding | None:
         """What the events say; `None` where they say nothing."""
@@ -196,28 +197,26 @@ class Insertion:
             return _found(item, f"inserted into {shown!r}", right_port=1.0)
         return _found(item, f"inserted into {shown!r}, which is the wrong port", wrong_port=1.0)
 
-    def _by_place(self, item: WorkItem, plug: Plug, radius_m: float, *, inserted: bool) -> Finding:
-        flag = {"right_port": 1.0} if inserted else {}
+    def _by_place(self, item: WorkItem, plug: Plug, radius_m: float, said: Finding | None) -> Finding:
+        stated = said.quantities if said else {}
+        flags = {name: stated[name] for name in ("right_port", "wrong_port") if name in stated}
+        before = f"{said.message}; " if said else "no insertion event; "
         distance_m = plug.distance_m
         if plug.plug_m is None or plug.port_m is None or distance_m is None:
-            return _found(
-                item, "no insertion event, and plug or port had no place when the task ended", **flag
-            )
-        if plug.entrance_m is None and self.event != "any":
-            return _found(
-                item, "no insertion event, and the entrance had no place when the task ended", **flag
-            )
+            return _found(item, f"{before}plug or port had no place when the task ended", **flags)
+        if plug.entrance_m is None and not self.place_always:
+            return _found(item, f"{before}the entrance had no place when the task ended", **flags)
         entrance_m = plug.entrance_m or plug.port_m
         depth_m = abs(entrance_m[2] - plug.port_m[2])
         reach_m = depth_m + radius_m
         height_m = plug.plug_m[2] - plug.port_m[2]
         aside = [abs(plug.plug_m[axis] - plug.port_m[axis]) for axis in (0, 1)]
         partial = max(aside) < self.aside_m and plug.plug_m[2] < entrance_m[2] and height_m > -self.below_m
-        near = f"{distance_m:.4f} m from its port"
+        near = f"the plug is {distance_m:.4f} m from its port"
         return _found(
             item,
-            f"partly inserted, {height_m:.4f} m above the port" if partial else near,
-            **flag,
+            before + (f"partly inserted, {height_m:.4f} m above the port" if partial else near),
+            **flags,
             partial=float(partial),
             placed=1.0,
             plug_height_m=height_m,

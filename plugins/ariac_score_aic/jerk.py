@@ -38,7 +38,8 @@ def jerk_of_velocities(
 ) -> MeanJerk:
     """The mean over samples that move of the second derivative of a quadratic fitted around each.
 
-    Stamps are taken as they are: they may repeat, and run back. The first and last half windows are no centres.
+    Stamps are taken as they are: they may repeat, and run back. The first and last half windows are no
+    centres.
 
     Args:
         t_s: Stamps in order of consumption, shape (n,), s.
@@ -94,14 +95,14 @@ def _fitted(
 
 
 def _pivoted(offsets: FloatArray, values: FloatArray) -> FloatArray:
-    """The coefficients 1, t, t² that a column-pivoted QR gives where there are fewer distinct stamps than these.
+    """The coefficients of 1, t, t² that a column-pivoted QR gives where fewer stamps than these are distinct.
 
     What the stamps cannot tell apart gets the coefficient 0, column by column in order of their norms.
 
     Source: Eigen, `ColPivHouseholderQR`.
     """
     matrix = np.stack([np.ones_like(offsets), offsets, offsets * offsets], axis=1)
-    left, chosen = matrix.copy(), []
+    left, chosen = matrix.copy(), list[int]()
     largest = np.sqrt((matrix**2).sum(axis=0)).max()
     while len(chosen) < 3:
         norms = np.sqrt((left**2).sum(axis=0))
@@ -130,8 +131,8 @@ def jerk_of_poses(
     Args:
         t_s: Stamps, shape (n,), s.
         position_m: Positions of the tool, shape (n, 3), m.
-        average: `vectors`: the magnitude of the mean vector, each weighted with the middle step; `magnitudes`: the
-            mean of magnitudes, each weighted with a third of all three steps.
+        average: `vectors`: the magnitude of the mean vector, each weighted with the middle step;
+            `magnitudes`: the mean of magnitudes, each weighted with a third of all three steps.
         gate_m_s: With `magnitudes`, differences at this speed of the middle step or below do not count.
 
     Source:

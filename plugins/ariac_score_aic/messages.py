@@ -1,4 +1,4 @@
-"""What a recording of the engine holds, as its scorer takes it: columns of messages in order of consumption."""
+"""What a recording of the engine holds, as its scorer takes it: messages in order of consumption."""
 
 from __future__ import annotations
 

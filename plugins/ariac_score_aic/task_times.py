@@ -64,7 +64,8 @@ class TaskTimesReader:
 
     Reads:
         `trials.<id>.start_ns` and `.end_ns`, in ns of the engine's clock; `null` says that there was none: a
-        task without an end was not completed. `completed: false` says that alone. A key that is absent says nothing.
+        task without an end was not completed. `completed: false` says that alone. A key that is
+        absent says nothing.
     Refuses:
         Unknown keys, and times that are no whole numbers of nanoseconds.
     Source:
@@ -105,7 +106,9 @@ def read_times(path: Path) -> TimesOfRun:
     document = load_yaml(path)
 
     def refuse(place: tuple[str | int, ...], cause: str) -> DataFileError:
-        hint = "write 'start_ns: 100000000000' and 'end_ns: 120000000000', or 'end_ns: null' where it did not complete"
+        hint = (
+            "write 'start_ns: 100000000000' and 'end_ns: 120000000000'; 'end_ns: null' if it did not complete"
+        )
         return DataFileError(cause, file=document.file, place=document.place(place), hint=hint)
 
     data = document.data if isinstance(document.data, dict) else {}
@@ -134,14 +137,13 @@ def _times(stated: dict[str, Any], source: str) -> TaskTimes:
     if "end_ns" in stated:
         completed = stated["end_ns"] is not None
     start_ns, end_ns = stated.get("start_ns"), stated.get("end_ns")
-    both = start_ns is not None and end_ns is not None
     return TaskTimes(
         start_ns,
         end_ns,
         "start_ns" in stated,
         "end_ns" in stated or completed is False,
         completed,
-        (end_ns - start_ns) / 1e9 if both else None,
+        None if start_ns is None or end_ns is None else (end_ns - start_ns) / 1e9,
         True,
         source,
     )

@@ -23,7 +23,7 @@ Row = Sequence[float]
 
 IDENTITY: Row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 NORM_TOLERANCE = 0.01
-"""By so much the squared norm of a rotation may be off 1. Source: tf2, `QUATERNION_NORMALIZATION_TOLERANCE`."""
+"""By so much the squared norm may be off 1. Source: tf2, `QUATERNION_NORMALIZATION_TOLERANCE`."""
 MAX_DEPTH = 1000
 """Frames of a chain. Source: tf2, `MAX_GRAPH_DEPTH`."""
 
@@ -72,9 +72,12 @@ class DynamicFrame:
             if stamp_ns < oldest_ns:
                 return False
         place = bisect_right(stamps, stamp_ns)
-        if place and (stamps[place - 1], self.parents[place - 1]) == (stamp_ns, parent):
-            if tuple(self.rows[place - 1]) == tuple(row):
-                return True
+        if place and (stamps[place - 1], self.parents[place - 1], tuple(self.rows[place - 1])) == (
+            stamp_ns,
+            parent,
+            tuple(row),
+        ):
+            return True
         stamps.insert(place, stamp_ns)
         self.parents.insert(place, parent)
         self.rows.insert(place, row)
@@ -148,7 +151,7 @@ class TransformBuffer:
         return name in self.frames or any(name in parents for parents in map(_parents, self.frames.values()))
 
     def _latest_common_ns(self, target: str, source: str) -> int | None:
-        """The least of the newest stamps on the path; stamps of 0 do not count. 0: no other stamp is on it."""
+        """The least of the newest stamps on the path, but for those of 0; 0 where there is no other."""
         upwards: list[tuple[int, str]] = []
         for stamp_ns, parent in self._climb(source):
             upwards.append((stamp_ns, parent))

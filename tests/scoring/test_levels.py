@@ -316,6 +316,14 @@ def test_a_ramp_gives_what_the_rulebook_says(arguments: tuple[float, ...], expec
     assert found == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(("value", "expected"), [(19.99, 19), (20.0, 20), (0.0, 0), (-0.5, -1)])
+def test_floor_is_the_greatest_whole_number_not_above(value: float, expected: int) -> None:
+    text = "facts: {trial: {x: number}}\nscore: floor(trial.x)\n"
+
+    assert score(rules(text), Scope("trial", "", {"duration_s": 1.0, "x": value})) == expected
+    assert Expression.parse("floor(x)").columns({"x": np.array([value])}).tolist() == [expected]
+
+
 def test_a_ramp_over_columns_is_that_of_each_row() -> None:
     names = ("best", "worst", "hi", "lo", "x")
     columns = {name: np.array([float(row[0][i]) for row in RAMPS]) for i, name in enumerate(names)}

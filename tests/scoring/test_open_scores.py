@@ -235,6 +235,7 @@ def joined(parts: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
         two.map(lambda f: f"min({f[0]}, {f[1]})"),
         two.map(lambda f: f"clip({f[0]}, -2, {f[1]})"),
         two.map(lambda f: f"abs({f[0]}) ** 2 / (1 + abs({f[1]}))"),
+        parts.map(lambda f: f"floor({f} / 2)"),
         st.tuples(parts, parts, parts).map(lambda f: f"({f[0]} if {f[1]} > 1 else {f[2]})"),
         st.tuples(parts, parts, parts).map(lambda f: f"({f[0]} if {f[1]} and not {f[2]} else 1)"),
         st.tuples(parts, parts).map(lambda f: f"ramp(4, 1, 3, 0, {f[0]} + {f[1]})"),

@@ -178,6 +178,8 @@ class Speaker:
             return f"{best} where {x} is at most {lo}, {worst} from {hi} on, in between a straight line"
         if function == "abs":
             return f"the size of {said[0]}"
+        if function == "floor":
+            return f"{said[0]}, rounded down"
         return f"{_OF_ALL.get(function, function)} of {', '.join(said)}"
 
     def _is_number(self, node: ast.expr) -> bool:

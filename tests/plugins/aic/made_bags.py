@@ -30,8 +30,8 @@ TYPES = {
 }
 
 
-def _new(name: str, **fields: Any) -> Any:
-    return STORE.types[name](**fields)
+def _new(type_: str, /, **fields: Any) -> Any:
+    return STORE.types[type_](**fields)
 
 
 def _time(ns: int) -> Any:
@@ -109,7 +109,7 @@ def _controller(message: Mapping[str, Any]) -> Any:
 
 def _contacts(pairs: Sequence[Sequence[str]]) -> Any:
     def entity(name: str) -> Any:
-        return STORE.types["ros_gz_interfaces/msg/Entity"](id=0, name=name, type=5)
+        return _new("ros_gz_interfaces/msg/Entity", id=0, name=name, type=5)
 
     import numpy as np  # noqa: PLC0415
 
@@ -166,10 +166,10 @@ def message_of(message: Mapping[str, Any]) -> tuple[str, Any]:
     return made.__msgtype__, made
 
 
-def write_bag(
-    folder: Path, messages: Sequence[Mapping[str, Any]], *, topics: Sequence[str] = ()
-) -> Path:
-    """Write a rosbag2 folder in which messages stand in the given order, each when it was stamped or right after the one before.
+def write_bag(folder: Path, messages: Sequence[Mapping[str, Any]], *, topics: Sequence[str] = ()) -> Path:
+    """Write a rosbag2 folder in which messages stand in the given order.
+
+    Each is recorded when it was stamped, or right after the one before.
 
     Args:
         folder: What it shall be called.
@@ -200,7 +200,9 @@ def _stamps(messages: Sequence[Mapping[str, Any]]) -> list[int]:
     return found + [t["stamp_ns"] for m in messages for t in m.get("transforms", ())]
 
 
-def configuration(connections: Sequence[Mapping[str, str]], *, time_limit_s: float, trial: str = "trial_1") -> str:
+def configuration(
+    connections: Sequence[Mapping[str, str]], *, time_limit_s: float, trial: str = "trial_1"
+) -> str:
     """An engine configuration with one trial, a task for each connection."""
     tasks = {
         f"task_{number}": {
