@@ -28,6 +28,9 @@ _COMPARED: Mapping[type[ast.cmpop], str] = {
     ast.Eq: "is",
     ast.NotEq: "is not",
 }
+_OF_ONE = ("abs", "floor")
+"""Functions of one number, which may be an aggregate, and never are one."""
+
 _OF_ALL = {"sum": "the sum", "mean": "the mean", "min": "the least", "max": "the greatest"}
 _GATES = ("holds", "violated", "gate")
 
@@ -160,7 +163,7 @@ class Speaker:
         level = self._level(arguments[0]) if len(arguments) == 1 else ""
         if level and function in _OF_ALL:
             return f"{_OF_ALL[function]} of {self._inside(arguments[0])} over all {self.words.many(level)}"
-        if level:
+        if level and function not in _OF_ONE:
             return f"1 if {self._asked(node)}, else 0"
         return self._of_numbers(function, arguments)
 
