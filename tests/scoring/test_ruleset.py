@@ -228,9 +228,9 @@ def test_digits_default_to_6(written: Path) -> None:
         ("round: 3", "round: 3.5", "line 23, $.round", "3.5 is not of type 'integer'", "give an integer"),
         (
             "round: 3",
-            "round: 10",
+            "round: 13",
             "line 23, $.round",
-            "10 is greater than the maximum of 9",
+            "13 is greater than the maximum of 12",
             "Decimal digits",
         ),
         ("  pose:", "  Pose:", "line 7, $.rules", "'Pose' does not match", ""),
