@@ -64,7 +64,9 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
     }
     wanted |= {f"ariac_score/rules/{p}" for p in _tree("rules", "*.yaml") | {"__init__.py"}}
     wanted |= {f"ariac_score/schemas/{p}" for p in _tree("schemas", "*.json") | _tree("schemas", "*.py")}
-    wanted |= {name for kind in ("*.py", "*.msg", "*.json", "py.typed") for name in _tree("plugins", kind)}
+    wanted |= {
+        name for kind in ("*.py", "*.msg", "*.json", "*.yaml", "py.typed") for name in _tree("plugins", kind)
+    }
 
     assert wanted - names == set()
     assert {n for n in names - wanted if ".dist-info/" not in n} == set()
