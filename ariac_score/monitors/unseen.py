@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -457,9 +457,11 @@ def broken_bounds(trial: Trial, assumed: BetweenSamples) -> Broken | None:
     for name, signal in sorted(trial.signals.items()):
         motion = [] if isinstance(signal, Computed) else unseen.motion(name) or []
         if motion and all(one.stated for one in motion):
+            # Stamps of arrival are as wrong as they are late; bounds in gaps are as much wider.
+            known = replace(assumed, time_error_s=unseen.error_s(signal))
             found = _jumped(signal, window, motion, assumed)
             inside = (signal.t >= window.start_s) & (signal.t <= window.end_s)
-            found = found or _broken(signal, signal.t[inside], signal.values[inside], motion, assumed)
+            found = found or _broken(signal, signal.t[inside], signal.values[inside], motion, known)
             if found is not None:
                 bodies = " and ".join(body.id for body in unseen.bodies(name))
                 return Broken(bodies, name, *found, motion[0].stated)

@@ -108,3 +108,23 @@ def test_a_bag_that_was_cut_off_is_refused_with_what_is_left_and_the_remedy() ->
     # It is the beginning of walk_jitter.bag, which was closed: the header says where the index was.
     assert "had an index, at byte" in error.value.hint
     assert "another copy" in error.value.hint
+
+
+def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_path: Path) -> None:
+    """By the clock of the node that moved them it is 2.205 points; open is when the approach began."""
+    rules = tmp_path / "walk.yaml"
+    rules.write_text(
+        "extends: paper2020\nid: walk\ntitle: With bounds\nsource: README of the recordings\nbounds:\n"
+        "  human: {max_speed_m_s: 0.6, max_acceleration_m_s2: 2.0, source: its walk}\n"
+        "  robot: {max_speed_m_s: 0.7, max_acceleration_m_s2: 2.0, source: its rail}\n",
+        encoding="utf-8",
+    )
+    found = score_trial(REAL / "walk_jitter.bag", rules).interval
+
+    assert found is not None
+    assert float(found.least) < 2.205 < float(found.most)
+    assert float(found.most - found.least) < 0.04
+    assert not found.tight  # stamps of arrival, and three signals that need not have their worst together
+    (narrowing,) = found.narrowing
+    assert narrowing.cause.endswith("ms on /snapshot, stamped on arrival up to 90 ms late")
+    assert narrowing.at_most == found.most - found.least

@@ -1,0 +1,119 @@
+"""One gap of a log on its way to the score: what monitors leave open, priced, and what would narrow it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ariac_score import Body, Event, Signal, Span, Trial
+from ariac_score.engine.measure import measure_trial
+from ariac_score.engine.prepared import prepare
+from ariac_score.results.doubt import left_open
+from ariac_score.scoring.interval import ScoreInterval
+from ariac_score.scoring.pricing import price
+from ariac_score.scoring.ruleset import rule_set_from_text
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+
+RULES = """
+id: gaps
+title: Near and nearer
+source: by hand
+log_map: ariac2020
+bounds:
+  human: {{max_speed_m_s: 0.6, source: walks}}
+  robot: {{max_speed_m_s: 0.4, source: its rail}}
+monitors:
+  near:
+    use: formula.always
+    with: {{holds: d >= 1, signals: {{d: "separation/{{robot}}/{{human}}"}}, unit: m, t_off_s: 5.0}}
+  contact:
+    use: ariac.human_contact
+    with: {{distance: separation, contact_distance_m: {contact_m}}}
+score: {score}
+"""
+
+
+def interval(
+    score: str, *, gap_s: float = 3.0, contact_m: float = 0.05, topics: tuple[str, ...] = ("/scanner",)
+) -> ScoreInterval:
+    """Of a robot and a human 2 m apart before and after a gap (G6); one human for each topic."""
+    t = np.concatenate([np.arange(101) * 0.01, 1.0 + gap_s + np.arange(101) * 0.01])
+    humans = [f"human_{number}" for number in range(len(topics))]
+    signals = {
+        f"separation/arm/{human}": Signal(f"separation/arm/{human}", "m", t, np.full(len(t), 2.0), topic)
+        for human, topic in zip(humans, topics, strict=True)
+    }
+    end_s = float(t[-1])
+    trial = Trial(
+        "t",
+        bodies=(Body("arm", "robot"), *(Body(human, "human") for human in humans)),
+        signals=signals,
+        events=(Event(0.0, COMPETITION_STARTED), Event(end_s, COMPETITION_ENDED)),
+        witnessed=frozenset({"bodies"}),
+        recorded=Span(0.0, end_s),
+    )
+    rules = prepare(rule_set_from_text(RULES.format(score=score, contact_m=contact_m), file="gaps"))
+    measured = measure_trial(trial, rules)
+    sheet, policies = rules.rule_set.sheet, rules.rule_set.policies
+    priced = price(
+        measured.findings,
+        measured.scopes,
+        sheet,
+        policies,
+        digits=6,
+        measures=measured.measures,
+        left_open=left_open(measured, rules.rule_set),
+    )
+    assert priced.interval is not None
+    return priced.interval
+
+
+def test_g19_the_charge_of_one_rise_and_fall_is_its_peak_and_its_integral() -> None:
+    """0.5 of the limit deep, 0.25 s of it: a charge of 0.5 + 0.25 / 5 = 0.55, so 12 / 1.55 to 12."""
+    found = interval(
+        "12 / (1 + measure(near, relative_depth_max) + measure(near, relative_depth_integral_s) / 5)"
+    )
+
+    assert found.most == 12
+    # Cells make the worst world a little worse, and never better.
+    assert 7.741935 - 0.05 < float(found.least) <= 7.741935
+    assert found.tight
+
+
+def test_g6_a_second_at_most_is_spent_too_near() -> None:
+    found = interval("10 - seconds(near)")
+
+    assert found.most == 10
+    assert 9.0 - 0.02 < float(found.least) <= 9.0
+
+
+def test_one_gap_that_two_monitors_see_is_one_cause_and_not_paid_twice() -> None:
+    """It hides a breach and, 0.4 m deeper, what counts as a contact; one event is charged once."""
+    (narrowing,) = interval("10 - charged(near=1, contact=4, again_after_s=5)", contact_m=0.6).narrowing
+
+    assert narrowing.cause == "a gap of 3000 ms on /scanner"
+    assert narrowing.checks == ("contact", "near")
+    # The deepest point of both extreme paths is 0.5 m, for no time; nearer than 0.6 m they are for 0.2 s,
+    # nearer than 1 m for 1 s. The contact weighs 5.2 s at 4, the breach alone 0.4 s before it.
+    both = (4 * 5.2 + 1 * 0.4) / 5
+    assert float(narrowing.at_most or 0) == pytest.approx(both + 0.4 / 5, abs=0.1)
+
+
+def test_what_would_narrow_it_stands_by_source_most_first() -> None:
+    """Two humans, each with a scanner of its own: twice the same gap, and half of the width by each."""
+    found = interval("10 - seconds(near)", topics=("/front", "/rear"))
+
+    assert [one.cause for one in found.narrowing] == [
+        "a gap of 3000 ms on /front",
+        "a gap of 3000 ms on /rear",
+    ]
+    assert [float(one.at_most or 0) for one in found.narrowing] == pytest.approx([1.0, 1.0], abs=0.02)
+    assert float(found.most - found.least) == pytest.approx(2.0, abs=0.04)
+
+
+def test_a_gap_that_two_checks_price_either_way_is_an_outer_bound() -> None:
+    """Seconds too near cost, contacts pay: no world has the one without the other, and the ends say so."""
+    found = interval("10 - seconds(near) + 2 * count(contact)", contact_m=0.6)
+
+    assert (float(found.least), float(found.most)) == (pytest.approx(9.0, abs=0.02), 12.0)
+    assert not found.tight
