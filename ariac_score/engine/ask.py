@@ -294,7 +294,9 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) 
             yield Finding.inconclusive(path, ONLY_OFFICIAL)
             continue
         spoken = False
-        for finding in _not_none(check.judge(trial, item)):
+        # A rule that knows between what its quantities lie says so beside its findings.
+        judge = getattr(check, "judge_worlds", check.judge)
+        for finding in _not_none(judge(trial, item)):
             spoken = True
             yield _inside(finding, path, item)
         if not spoken and not item.items and not level:
@@ -306,6 +308,14 @@ def _answers(plugin: Plugin, name: str, check: Any, trial: Trial, words: Words) 
 def _inside(finding: Any, path: str, item: WorkItem) -> Any:
     """A finding about an item by its own id, as one about the path of the item."""
     # A rule is given the item alone, which does not say what it is inside.
-    if path == item.id or not isinstance(finding, Finding) or not is_inside(finding.subject, item.id):
+    if (
+        path == item.id
+        or not isinstance(finding, Finding | Worlds)
+        or not is_inside(finding.subject, item.id)
+    ):
         return finding
-    return replace(finding, subject=path + finding.subject[len(item.id) :])
+    moved = replace(finding, subject=path + finding.subject[len(item.id) :])
+    if isinstance(moved, Finding):
+        return moved
+    best, worst = (tuple(_inside(one, path, item) for one in world) for world in (moved.best, moved.worst))
+    return replace(moved, best=best, worst=worst)

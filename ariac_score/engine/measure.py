@@ -65,7 +65,8 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         else:
             found, worlds = ask_worlds(each.plugin, name, each.check, trial, words=prepared.words)
             found, by_window = opened_by_window(found, each, trial, prepared)
-            worlds = [*worlds, *by_window]
+            hang_on_window = {one.subject for one in by_window}
+            worlds = [*(one for one in worlds if one.subject not in hang_on_window), *by_window]
         opened += worlds
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding

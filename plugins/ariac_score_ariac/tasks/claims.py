@@ -85,6 +85,14 @@ def each_delivered(
             yield judge(subject, task, submission.contents or ())
 
 
+def contents_of(trial: Trial, order: Order, task: Task) -> tuple[Product, ...] | None:
+    """What was on the tray of a task when it was handed in; `None` where the log does not show it."""
+    submission = claimed(trial, order, task)
+    if submission is None or undecidable(trial, submission, "", "", task):
+        return None
+    return submission.contents
+
+
 def unseen(trial: Trial, submission: KitSubmission | None, task: Task) -> str:
     """Why nothing says whether a task was handed in, in words; empty where the log shows it."""
     if submission is not None:

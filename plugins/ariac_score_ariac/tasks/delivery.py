@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Limit, Measure, Trial, parameter
+from ariac_score import Cause, Finding, Limit, Measure, Trial, Verdict, Worlds, parameter
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     CountsFrom,
@@ -200,6 +200,28 @@ class OrderTime:
                 quantities={"time_taken_s": taken.value},
                 clause=clause,
             )
+
+    def judge_worlds(self, trial: Trial, order: Order) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one that it took from no time to all that was left of the trial."""
+        for finding in self.judge(trial, order):
+            yield finding
+            window, start_s = trial.window, order.announced_s
+            if finding.verdict is not Verdict.INCONCLUSIVE or window is None or trial.window_open:
+                continue
+            longest_s = window.end_s - max(start_s if start_s is not None else window.start_s, window.start_s)
+            at_once = replace(
+                finding,
+                verdict=Verdict.SATISFIED,
+                message="nothing shows that it took any time",
+                quantities={"time_taken_s": 0.0},
+            )
+            never = replace(
+                finding,
+                verdict=Verdict.VIOLATED,
+                message="nothing shows that it was completed before the end",
+                quantities={"time_taken_s": max(longest_s, 0.0)},
+            )
+            yield Worlds(order.id, (at_once,), (never,), (Cause(finding.message),))
 
 
 def _last_complete_s(claims: list[list[KitSubmission | None]]) -> float | None:

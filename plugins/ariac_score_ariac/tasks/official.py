@@ -38,7 +38,7 @@ _OF_ORDER: Mapping[str, Measure] = {
 _OF_TRIAL: Mapping[str, Measure] = {
     "total": Measure("points", "points", meaning="the printed final score"),
     "process_time_s": Measure("s", meaning="the printed total process time"),
-    "collisions": Measure("count", best=0.0, meaning="1 where arms collided, else 0"),
+    "collisions": Measure("count", best=0.0, worst=1.0, meaning="1 where arms collided, else 0"),
     "dropped": Measure("points", "penalty", meaning="what dropped products cost, as printed"),
 }
 _TOTALS = ("total_order_score", "total_score")

@@ -57,9 +57,19 @@ class PoseError:
 
 POSE_MEASURES: Mapping[str, Measure] = {
     "distance_m": Measure("m", best=0.0, signed=False, meaning="how far from its place"),
-    "quaternion_dot_1": Measure("1", best=1.0, meaning="absolute dot product of the two orientations"),
-    "heading_error_rad": Measure("rad", best=0.0, signed=False, meaning="error of the yaw"),
-    "rotation_rad": Measure("rad", best=0.0, signed=False, meaning="angle of the whole rotation"),
+    "quaternion_dot_1": Measure(
+        "1", best=1.0, worst=0.0, meaning="absolute dot product of the two orientations"
+    ),
+    "heading_error_rad": Measure(
+        "rad",
+        best=0.0,
+        worst=2 * math.pi,
+        signed=False,
+        meaning="error of the yaw, by the coded test up to a whole turn",
+    ),
+    "rotation_rad": Measure(
+        "rad", best=0.0, worst=math.pi, signed=False, meaning="angle of the whole rotation"
+    ),
 }
 """What is measured of a pose against the ordered one, as far as there is a limit for it."""
 

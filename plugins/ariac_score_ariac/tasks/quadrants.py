@@ -190,7 +190,7 @@ class QuadrantPart:
     """
 
     measures: ClassVar[Mapping[str, Measure]] = {
-        "tilt_rad": Measure("rad", meaning="between the part's axis and the vertical")
+        "tilt_rad": Measure("rad", worst=math.pi, meaning="between the part's axis and the vertical")
     }
 
     compare: Literal["type", "color", "upright", "sound"] = "type"

@@ -24,7 +24,7 @@ _FACTS: Mapping[str, Measure] = {
     "num_correct_reports": Measure("count", "points", meaning="reports that are right"),
     "num_correct_report_classifications": Measure("count", "points", meaning="defects named rightly"),
     "completed": Measure("count", meaning="1 where it is stored as completed, else 0"),
-    "aborted": Measure("count", best=0.0, meaning="1 where it is stored as aborted, else 0"),
+    "aborted": Measure("count", best=0.0, worst=1.0, meaning="1 where it is stored as aborted, else 0"),
 }
 """What the record of a run holds, by the names of the trial's facts."""
 _OF_ORDER: Mapping[str, Measure] = {

@@ -6,10 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Trial, parameter
-from ariac_score_ariac.tasks.claims import (
-    each_delivered,
-)
+from ariac_score import Cause, Finding, Measure, Trial, Verdict, Worlds, parameter
+from ariac_score_ariac.tasks.claims import contents_of, each_delivered, kitting_tasks
 from ariac_score_ariac.tasks.contents import sound
 from ariac_score_ariac.tasks.names import TypeNames, base_type, delivered_type
 from ariac_score_ariac.tasks.poses import PoseTest
@@ -37,6 +35,8 @@ class WrongColorPose:
         colours stands inside the loop over exact types. Meant was `once`.
     Attributes:
         counting: How often such a pair counts.
+        most_in_place: How many of the wrong colour are thought to lie in the place of one right product at
+            most, where the log does not show the contents. Our choice: products do not overlap.
         without_color: What a name without a colour is.
         type_names: Which part of a name is the type.
     """
@@ -44,7 +44,9 @@ class WrongColorPose:
     measures: ClassVar[Mapping[str, Measure]] = {
         "pairs": Measure("count", best=0.0, meaning="products of wrong colour in the place of a right one"),
         "groups": Measure("count", meaning="exact ordered types of which a sound product was delivered"),
-        "counted": Measure("count", "points", meaning="how often the simulator counts a pose for them"),
+        "counted": Measure(
+            "count", "points", worst=0.0, meaning="how often the simulator counts a pose for them"
+        ),
     }
 
     max_distance_m: float = parameter(0.03, unit="m", status="")
@@ -53,10 +55,43 @@ class WrongColorPose:
     counting: Literal["each_delivered_type", "once"] = "each_delivered_type"
     without_color: Literal["whole_name", "aborts"] = "whole_name"
     type_names: TypeNames = "whole"
+    most_in_place: int = parameter(1, unit="1", at_least=1, at_most=100, status="", source="our choice")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each kitting task."""
         return each_delivered(trial, order, _CLAUSE, self._counted)
+
+    def judge_worlds(self, trial: Trial, order: Order) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one how often it may count: from never to in every place."""
+        tasks = dict(kitting_tasks(order))
+        for finding in self.judge(trial, order):
+            yield finding
+            task = tasks.get(finding.subject)
+            if finding.verdict is Verdict.INCONCLUSIVE and task is not None:
+                yield self._open(finding, task, contents_of(trial, order, task))
+
+    def _open(self, finding: Finding, task: Task, contents: tuple[Product, ...] | None) -> Worlds:
+        """What an undecided task counts at least and at most."""
+        ordered = {wanted.type for wanted in task.products}
+        if contents is None:
+            least, most = [0] * len(task.products), [self.most_in_place] * len(task.products)
+            groups = [0, len(ordered)]
+        else:
+            types = [delivered_type(product.type, self.type_names) for product in sound(contents)]
+            wrong = [p for p, kind in zip(sound(contents), types, strict=True) if kind not in ordered]
+            rivals = [[p for p in wrong if self._alike(wanted, p)] for wanted in task.products]
+            least = self._pairs(task.products, rivals)
+            unknown = [
+                sum(wanted.pose is None or product.pose is None for product in near)
+                for wanted, near in zip(task.products, rivals, strict=True)
+            ]
+            most = [sure + may for sure, may in zip(least, unknown, strict=True)]
+            groups = [len(ordered & set(types))] * 2
+        seldom, often = (
+            self._finding(finding.subject, least, groups[0]),
+            self._finding(finding.subject, most, groups[1]),
+        )
+        return Worlds(finding.subject, best=(often,), worst=(seldom,), causes=(Cause(finding.message),))
 
     def _counted(self, subject: str, task: Task, contents: tuple[Product, ...]) -> Finding:
         ordered = {wanted.type for wanted in task.products}

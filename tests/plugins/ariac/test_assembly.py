@@ -6,6 +6,7 @@ What they are worth is worked out case by case in `tests/cases/worked`.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -13,7 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score import Event, Finding, Pose, Rule, Trial, Verdict
+from ariac_score import Event, Finding, Pose, Rule, Span, Trial, Verdict, Worlds, measure_trial
+from ariac_score.engine.prepared import prepare
+from ariac_score.results.doubt import left_open
+from ariac_score.scoring.pricing import price
 from ariac_score_ariac.tasks import (
     AssemblyCounters,
     AssemblyPart,
@@ -402,3 +406,87 @@ def test_products_of_other_types_are_not_permuted_and_do_not_count() -> None:
     briefcase = trial(handed_in(Product(PUMP, at(0)), *others))
 
     assert only(AssemblyPart(), briefcase, order("assembly", (PUMP, at(0)))).verdict is SATISFIED
+
+
+# What is undecided, between two ends ---------------------------------------------------
+
+
+def counted(rule: WrongColorPose, of: Trial, wanted: Order) -> tuple[float, float]:
+    """How often a wrong colour counts in the worst and in the best world."""
+    finding, worlds = rule.judge_worlds(of, wanted)
+    assert isinstance(finding, Finding)
+    assert finding.verdict is INCONCLUSIVE
+    assert isinstance(worlds, Worlds)
+    (worst,), (best,) = worlds.worst, worlds.best
+    return worst.quantities["counted"], best.quantities["counted"]
+
+
+def test_a_wrong_color_of_unknown_pose_counts_between_never_and_in_every_place() -> None:
+    """Rulebook of 2021, section 5: each pair of ordered and wrong product once for each exact type delivered.
+
+    One exact type is there, so the one place for which the colour is wrong gives 0 or 1. With two exact types
+    and one more pair that is seen it is 2 x 1 or 2 x 2.
+    """
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    unknown = Product(BLUE, None)
+    one_type = trial(handed_in(unknown, Product("a_red", at(0.1))))
+    assert counted(WrongColorPose(), one_type, wanted) == (0, 1)
+
+    three = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)), ("b_red", at(0.2)))
+    seen = (Product(BLUE, at(0)), unknown, Product("a_red", at(0.1)), Product("b_red", at(0.2)))
+    assert counted(WrongColorPose(), trial(handed_in(*seen)), three) == (2, 4)
+    assert counted(WrongColorPose(counting="once"), trial(handed_in(*seen)), three) == (1, 1)
+
+
+def test_of_unknown_contents_every_place_may_hold_one_of_the_wrong_color() -> None:
+    """At most two places by two exact types; with two in each place, as a referee may assume, twice that."""
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)))
+    unseen = trial(KitSubmission("s", 20.0, contents=None))
+
+    assert counted(WrongColorPose(), unseen, wanted) == (0, 4)
+    assert counted(WrongColorPose(most_in_place=2), unseen, wanted) == (0, 8)
+    assert counted(WrongColorPose(counting="once"), unseen, wanted) == (0, 2)
+
+
+def test_an_order_of_which_nobody_saw_a_delivery_took_from_no_time_to_all_that_was_left() -> None:
+    seen = replace(trial(witnessed=()), recorded=Span(0.0, 100.0))
+    finding, worlds = OrderTime().judge_worlds(seen, order("kitting", (PUMP, at(0))))
+
+    assert isinstance(finding, Finding)
+    assert isinstance(worlds, Worlds)
+    times = [world[0].quantities["time_taken_s"] for world in (worlds.best, worlds.worst)]
+    assert times == [0.0, 90.0]  # announced at 10 s
+
+
+def test_a_kit_whose_contents_nobody_saw_has_a_score_between_nothing_and_all_that_the_rules_give() -> None:
+    """ARIAC 2021, finals as coded, two products, right AGV: at most 2 for types, 2 for colours, 6 for poses.
+
+    2 of these are right ones, 4 are 2 x 2 of the wrong colour. The bonus wants exactly 2 poses, so it adds
+    nothing to these 10; with it instead of the wrong colours it is 2 + 2 + 2 + 2 = 8.
+    """
+    wanted = order("kitting", (PUMP, at(0)), ("a_red", at(0.1)), agv="agv1", station="as1")
+    unseen = Trial(
+        "t",
+        work=(wanted,),
+        submissions=(KitSubmission("s", 20.0, None, "agv1", "as1"),),
+        events=(Event(0.0, "competition_started"), Event(100.0, "competition_ended")),
+        witnessed=frozenset({"submissions", "arm_collision", "part_dropped", "bodies"}),
+        recorded=Span(0.0, 100.0),
+    )
+    rules = prepare("ariac2021.finals_as_coded")
+    measured = measure_trial(unseen, rules)
+    rule_set = rules.rule_set
+    found = price(
+        measured.findings,
+        measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        digits=2,
+        measures=measured.measures,
+        left_open=left_open(measured, rule_set),
+    ).interval
+
+    assert found is not None
+    assert found.least == 0
+    assert 10 <= found.most <= 12  # the bonus of 2, which nothing ties to the poses
+    assert not found.tight
