@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from ariac_score import Body, Signal, Trial, load_log_map
 from ariac_score.checks.registry import Registry
-from ariac_score.trial.derive import Derivation, derive_signals, nearest_distances
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.nearest import nearest_distances
 from ariac_score.trial.spans import Span
 
 LINKS, HUMANS = 30, 3

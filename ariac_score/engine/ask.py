@@ -108,9 +108,25 @@ def ask_worlds(
     grounds = _grounds(plugin, name, check, trial)
     trial = replace(trial)  # its own, so that nothing it sets reaches another check
     before = _marks(trial)
+    began_s = time.process_time()  # not the clock on the wall: other processes are not the plugin's fault
+    findings, worlds = _heard(plugin, name, check, trial, notice, words or Words())
+    _note_time(plugin, name, time.process_time() - began_s, budget_of(trial))
+    if _marks(trial) != before:
+        raise broken(plugin, "changed the trial it was given", of=name)
+    if not findings:
+        raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
+    stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
+    # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
+    opened = [_open(plugin, name, one, grounds) for one in worlds]
+    return sorted(stored, key=_order_of_findings), sorted(opened, key=lambda one: one.subject)
+
+
+def _heard(
+    plugin: Plugin, name: str, check: Any, trial: Trial, notice: Notice | None, words: Words
+) -> tuple[list[Finding], list[Worlds]]:
+    """What a check answers, as it gives it; what it raises is named."""
     findings: list[Finding] = []
     worlds: list[Worlds] = []
-    began_s = time.process_time()  # not the clock on the wall: other processes are not the plugin's fault
     heard = (
         quiet(plugin.origin, notice, deep=True, of=name)
         if notice
@@ -118,7 +134,7 @@ def ask_worlds(
     )
     try:
         with heard:
-            for finding in _answers(plugin, name, check, trial, words or Words()):
+            for finding in _answers(plugin, name, check, trial, words):
                 if isinstance(finding, Worlds):
                     worlds.append(finding)
                     continue
@@ -137,20 +153,16 @@ def ask_worlds(
         raise
     except Exception as cause:
         raise broken(plugin, f"raised {fault_of(cause)}", of=name) from cause
-    taken_s, allowed_s = time.process_time() - began_s, budget_of(trial)
-    if taken_s > allowed_s:  # the score stands: it may not depend on how fast a machine is
+    return findings, worlds
+
+
+def _note_time(plugin: Plugin, name: str, taken_s: float, allowed_s: float) -> None:
+    """Say that a check took too long; the score stands, for it may not depend on how fast a machine is."""
+    if taken_s > allowed_s:
         sys.stderr.write(
             f"notice: plugin {plugin.origin} took {taken_s:.1f} s of processor time for check {name!r}, "
             f"longer than its budget of {allowed_s:g} s\n"
         )
-    if _marks(trial) != before:
-        raise broken(plugin, "changed the trial it was given", of=name)
-    if not findings:
-        raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
-    stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
-    # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
-    opened = [_open(plugin, name, one, grounds) for one in worlds]
-    return sorted(stored, key=_order_of_findings), sorted(opened, key=lambda one: one.subject)
 
 
 def _open(plugin: Plugin, name: str, worlds: Worlds, grounds: Grounds) -> OpenFindings:

@@ -39,8 +39,9 @@ from ariac_score.monitors import closing_by
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag
-from ariac_score.trial.derive import Derivation, centred_velocity, derive_signals
+from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.model import LogDefect
+from ariac_score.trial.velocities import centred_velocity
 from ariac_score_ariac.safety import CollisionEpisodes, HumanContact, occurrences
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages

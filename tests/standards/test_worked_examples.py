@@ -24,7 +24,7 @@ from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.sheet import ScoreSheet
-from ariac_score.trial.derive import centred_velocity
+from ariac_score.trial.velocities import centred_velocity
 from ariac_score_ariac.safety import CollisionEpisodes, occurrences
 from ariac_score_standards import (
     AgvProtectiveField,

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from ariac_score.trial import derive
 from ariac_score.trial.computed import Computed
-from ariac_score.trial.derive import SOURCES, Derivation, centred_velocity, derive_signals, nearest_points
+from ariac_score.trial.derive import SOURCES, Derivation, derive_signals
 from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.nearest import nearest_points
 from ariac_score.trial.signals import Signal, common_times
 from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.velocities import centred_velocity
 
 LAWFUL = settings(max_examples=20, derandomize=True, deadline=None)
 BODIES = (Body("r", "robot", 0.1, ("elbow", "tcp")), Body("h", "human", 0.3), Body("a", "agv", 0.4))

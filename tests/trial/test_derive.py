@@ -12,17 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from ariac_score.trial.derive import (
-    TELEPORT_SPEED_M_S,
-    Derivation,
-    centred_velocity,
-    derive_signals,
-    nearest_distances,
-    source_quantities,
-)
+from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
 from ariac_score.trial.model import Body, LogDefect, Trial
+from ariac_score.trial.nearest import nearest_distances
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.velocities import TELEPORT_SPEED_M_S, centred_velocity
 
 LAWFUL = settings(max_examples=60, derandomize=True, deadline=None)
 ROBOT, HUMAN = Body("gantry", "robot", 0.0), Body("person_1", "human", 0.0)
