@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ariac_score.trial import derive
+from ariac_score.trial import nearest
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.derive import SOURCES, Derivation, derive_signals
 from ariac_score.trial.model import Body, Trial
@@ -53,7 +53,7 @@ def test_what_is_derived_does_not_depend_on_how_many_rows_are_looked_at_together
     trial = wandering(seed)
     whole = {name: (s.t.tobytes(), s.values.tobytes()) for name, s in all_derived(trial).signals.items()}
 
-    with patch.object(derive, "_BLOCK_SAMPLES", samples):
+    with patch.object(nearest, "_BLOCK_SAMPLES", samples):
         derived = all_derived(trial).signals
         found = {name: (s.t.tobytes(), s.values.tobytes()) for name, s in derived.items()}
 

@@ -405,7 +405,7 @@ def test_nothing_is_computed_of_a_pair_before_it_is_looked_at(monkeypatch: pytes
         computed.append(len(others))
         return nearest_distances(one, others, components)
 
-    monkeypatch.setattr("ariac_score.trial.derive.nearest_distances", counted)
+    monkeypatch.setattr("ariac_score.trial.nearest.nearest_distances", counted)
     found = asked(crowd(), ("separation", "{vehicle}/{pedestrian}"), ("separation", "{vehicle}/{drone}"))
     assert computed == []
 
@@ -590,7 +590,7 @@ def test_the_nearest_distance_does_not_depend_on_blocks(monkeypatch: pytest.Monk
     dice = np.random.default_rng(3)
     one, other = dice.normal(size=(2, 100, 3)), dice.normal(size=(2, 100, 3))
     whole = nearest_distances(list(one), [list(other)], slice(2))
-    monkeypatch.setattr("ariac_score.trial.derive._BLOCK_SAMPLES", 7)
+    monkeypatch.setattr("ariac_score.trial.nearest._BLOCK_SAMPLES", 7)
 
     assert nearest_distances(list(one), [list(other)], slice(2)).tobytes() == whole.tobytes()
 
