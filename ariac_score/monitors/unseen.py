@@ -459,7 +459,7 @@ def broken_bounds(trial: Trial, assumed: BetweenSamples) -> Broken | None:
         if motion and all(one.stated for one in motion):
             # Stamps of arrival are as wrong as they are late; bounds in gaps are as much wider.
             known = replace(assumed, time_error_s=unseen.error_s(signal))
-            found = _jumped(signal, window, motion, assumed)
+            found = _jumped(signal, window, motion, known)
             inside = (signal.t >= window.start_s) & (signal.t <= window.end_s)
             found = found or _broken(signal, signal.t[inside], signal.values[inside], motion, known)
             if found is not None:
