@@ -11,8 +11,8 @@ import pytest
 from ariac_score import QUANTITIES, Wanted, load_log_map
 from ariac_score.checks.registry import Registry
 from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.testing import __main__ as command
 from ariac_score.testing import recorded_messages, write_bag
-from ariac_score.testing.__main__ import main
 from ariac_score.testing.recordings import RecordsTrials
 from ariac_score_ariac.recorder_messages import AriacScoreRecords
 from ariac_score_ariac.testing import kitting_trial
@@ -79,15 +79,19 @@ def test_testing_names_no_message_topic_or_edition_of_a_competition() -> None:
 
 def written(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
     monkeypatch.setattr(sys, "argv", ["ariac_score.testing", *arguments])
-    main()
+    command.main()
+
+
+def offering() -> list[RecordsTrials]:
+    """The installed competitions that offer recordings; there may be others that offer none."""
+    built = [plugin.build({}) for plugin in Registry().all("ariac_score.competitions")]
+    return [one for one in built if isinstance(one, RecordsTrials)]
 
 
 def test_the_command_records_in_the_messages_of_the_one_competition_that_offers_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (plugin,) = Registry().all("ariac_score.competitions")
-    recorder = plugin.build({})
-    assert isinstance(recorder, RecordsTrials)
+    (recorder,) = offering()
     for motion in recorder.motions:
         expected = recorder.recorded_messages(kitting_trial(), motion=motion)
         write_bag(tmp_path / f"{motion}.bag", expected, storage="ros1")
@@ -98,6 +102,23 @@ def test_the_command_records_in_the_messages_of_the_one_competition_that_offers_
     assert [recorded[f"made_{m}"] for m in recorder.motions] == [recorded[m] for m in recorder.motions]
     written(monkeypatch, str(tmp_path / "made.bag"))
     assert (tmp_path / "made.bag").read_bytes() == recorded[recorder.motions[0]]
+
+
+def test_where_several_competitions_offer_messages_one_is_to_be_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recorder,) = offering()
+    monkeypatch.setattr(command, "_recorders", lambda: {"first": recorder, "second": recorder})
+
+    with pytest.raises(SystemExit):
+        written(monkeypatch, str(tmp_path / "made.bag"))
+    assert "several competitions offer recordings; give --competition first|second" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+    written(monkeypatch, str(tmp_path / "made.bag"), "--competition", "second")
+    expected = recorder.recorded_messages(kitting_trial(), motion=recorder.motions[0])
+    write_bag(tmp_path / "expected.bag", expected, storage="ros1")
+    assert (tmp_path / "made.bag").read_bytes() == (tmp_path / "expected.bag").read_bytes()
 
 
 def test_the_command_records_without_a_competition_given_none(
