@@ -14,7 +14,15 @@ from ariac_score.batch.tasks import BatchSetting, Limits
 from ariac_score.cli.actions import add_action
 from ariac_score.cli.notes import counted
 from ariac_score.errors import UsageError
-from ariac_score.platforms.codabench import Bundle, check_bundle, dry_run, pack, score, write_bundle
+from ariac_score.platforms.codabench import (
+    Bundle,
+    check_bundle,
+    dry_run,
+    pack,
+    refuse_unattested,
+    score,
+    write_bundle,
+)
 from ariac_score.platforms.evalai import (
     Api,
     ApiError,
@@ -62,6 +70,11 @@ def _codabench(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="ID[=CONFIG]",
         help="a trial, with its configuration; repeatable",
+    )
+    one.add_argument(
+        "--unattested",
+        action="store_true",
+        help="let recordings count whose completeness no recorder attests, where the rules do not say so",
     )
     one.add_argument(
         "--time-limit-s", type=int, default=600, metavar="S", help="for one submission; default: 600"
@@ -130,6 +143,8 @@ def _evalai(parser: argparse.ArgumentParser) -> None:
 
 def _bundle(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(arguments.rules)
+    if not arguments.unattested:
+        refuse_unattested(rule_set)
     limits = Limits(wall_s=max(1.0, arguments.time_limit_s / 2))
     trials = {
         trial: Path(config) if config else None

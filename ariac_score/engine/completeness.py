@@ -39,7 +39,7 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
                 "completeness is not attested: there is no log of a recorder", file=trial.id, hint=_RECORD
             )
         return trial
-    reasons = {file: _reason(found, prepared) for file, found in trial.attestations}
+    reasons = {file: _reason(found, prepared, trial) for file, found in trial.attestations}
     lacks = [words for _, found in trial.attestations if found for words in _lacking(found, prepared)]
     for file, reason in reasons.items():
         if asked and reason:
@@ -47,24 +47,29 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
     if asked and lacks:
         raise LogError(f"it is not what its recorder received: {lacks[0]}", file=trial.id, hint=_RECORD)
     open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
+    noted = [f"its recorder noted: {note}" for _, found in trial.attestations if found for note in found.notes]
     statement = (
-        Statement("completeness", NOBODY, detail="; ".join(open_))
+        Statement("completeness", NOBODY, detail="; ".join(open_ + noted))
         if open_
-        else Statement("completeness", RECORDER, tuple(sorted(reasons)), "; ".join(lacks))
+        else Statement("completeness", RECORDER, tuple(sorted(reasons)), "; ".join(lacks + noted))
     )
     why = trial.window_open or (f"the log is not what its recorder received: {lacks[0]}" if lacks else "")
     return replace(trial, window_open=why, statements=tuple(sorted((*trial.statements, statement))))
 
 
+_LATE_S = 1.0
+"""So late may the first heartbeat be, and so early the last."""
 _RECORD = "record with the organiser's recorder running to the end"
 
 
-def _reason(found: Attestation | None, prepared: Prepared) -> str:
+def _reason(found: Attestation | None, prepared: Prepared, trial: Trial) -> str:
     """Why a log is not attested; empty where it is."""
     if found is None:
         return _NO_MANIFEST
     if found.problem:
         return found.problem
+    if missed := _missed(found, trial):
+        return missed
     read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
     if unattested := sorted(read & set(found.unattested)):
         return f"its recorder did not listen to {', '.join(unattested)}"
@@ -73,6 +78,18 @@ def _reason(found: Attestation | None, prepared: Prepared) -> str:
         return "a manifest is in it, and the rules name no key that should have signed it"
     refused = [signed_text(found.body, found.signature, key) for key in keys]
     return "" if not all(refused) else f"of its manifest, {refused[0]}"
+
+
+def _missed(found: Attestation, trial: Trial) -> str:
+    """What of the competition its recorder did not listen to; empty where it did all the time."""
+    start_s, end_s, listened = trial.started_s, trial.ended_s, found.listened
+    if listened is None:
+        return ""
+    if start_s is not None and listened.start_s > start_s + _LATE_S:
+        return f"its recorder began at {listened.start_s:.3f} s, and the competition at {start_s:.3f} s"
+    if end_s is not None and listened.end_s < end_s - _LATE_S:
+        return f"its recorder ended at {listened.end_s:.3f} s, and the competition at {end_s:.3f} s"
+    return ""
 
 
 def _lacking(found: Attestation, prepared: Prepared) -> list[str]:

@@ -132,7 +132,21 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
         body=manifest.body,
         signature=manifest.signature,
+        listened=_listened(beats, origin_ns),
+        notes=_notes(stated),
     )
+
+
+def _listened(beats: list[tuple[int, Mapping[str, Any]]], origin_ns: int) -> Span | None:
+    at_s = [(stamp_ns - origin_ns) / 1e9 for stamp_ns, _ in beats]
+    return Span(min(at_s), max(at_s)) if at_s else None
+
+
+def _notes(stated: Mapping[str, Any]) -> tuple[str, ...]:
+    notes = stated.get("notes", [])
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise _UnfitError("what its manifest notes is no list of texts")
+    return tuple(notes)
 
 
 def _content(body: str, what: str) -> Any:

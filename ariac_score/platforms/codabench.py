@@ -44,7 +44,7 @@ from ariac_score.platforms.submission import (
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["Bundle", "check_bundle", "dry_run", "pack", "score", "write_bundle"]
+__all__ = ["Bundle", "check_bundle", "dry_run", "pack", "refuse_unattested", "score", "write_bundle"]
 
 EXIT_SCORER_FAILED = 3
 DEFAULT_QUEUE_S = 600
@@ -107,6 +107,22 @@ class Bundle:
 
 
 # The bundle ------------------------------------------------------------------------------
+
+
+def refuse_unattested(rule_set: RuleSet) -> None:
+    """Refuse rules that do not say what a team's own recording is worth which nobody attests.
+
+    Raises:
+        UsageError: They say nothing of it.
+    """
+    if not rule_set.authority.completeness:
+        raise UsageError(
+            f"teams hand in their own recordings, and {rule_set.id} does not say whether one counts that no "
+            "recorder of the organiser attests: a collision could have been left out",
+            file=rule_set.file,
+            hint="extend the rules with 'completeness: attested' and the key of your recorder, or give "
+            "--unattested to believe every recording",
+        )
 
 
 def write_bundle(
@@ -233,10 +249,18 @@ def _competition(bundle: Bundle, rule_set: RuleSet) -> str:
     return yaml.safe_dump(competition, sort_keys=False, allow_unicode=True)
 
 
+_BELIEVED = "Every recording counts, whether or not the organiser's recorder attests that nothing is missing."
+_RECORDINGS = {
+    "": _BELIEVED,
+    "believed": _BELIEVED,
+    "attested": "Only recordings count of which the organiser's recorder attests that nothing is missing.",
+}
+
+
 def _rules_page(rule_set: RuleSet) -> str:
-    notes = "".join(f"- {note}\n" for note in rule_set.notes)
+    said = "".join(f"- {note}\n" for note in (_RECORDINGS[rule_set.authority.completeness], *rule_set.notes))
     columns = "".join(f"- **{column.title}**: {column.meaning}\n" for column in COLUMNS)
-    return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{notes}\n## Columns\n\n{columns}"
+    return f"# {rule_set.title}\n\nSource: {rule_set.source}\n\n{said}\n## Columns\n\n{columns}"
 
 
 def _logo() -> bytes:

@@ -18,7 +18,9 @@ class Authority:
             else's) or `run` (one that lies with the run); empty where the rules leave it to who scores.
         window: What bounds the competition: `events` (its start and end, as recorded), or `recording`
             where a log shows neither.
-        completeness: `attested` where only logs count whose recorder proves that nothing is missing.
+        completeness: `attested` where only logs count whose recorder proves that nothing is missing;
+            `believed` where others count as well; empty where the rules do not say, which is the latter for
+            whoever has the logs recorded himself.
         recorder_keys: The public keys of the recorders whose signature counts, as minisign writes them.
 
     >>> Authority.of({"window": "recording"}).window

@@ -42,6 +42,8 @@ class Attestation:
         unattested: Topics of the log that the recorder did not listen to.
         body: The manifest, whose bytes are signed.
         signature: The text of the signature; empty where there is none.
+        listened: From the first heartbeat to the last, s of trial time: nothing is attested outside.
+        notes: What the recorder noticed, such as a clock that stood still, in its words.
     """
 
     problem: str = ""
@@ -52,3 +54,5 @@ class Attestation:
     unattested: tuple[str, ...] = ()
     body: str = ""
     signature: str = ""
+    listened: Span | None = None
+    notes: tuple[str, ...] = ()

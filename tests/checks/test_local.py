@@ -319,7 +319,7 @@ def test_a_platform_hosts_installed_plugins_alone(
     rules: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["platform", "codabench", "bundle", "--rules", str(rules), "--title", "Cup", "--trial", "day"]
-    words += ["--image", "example/ariac:1", "--start", "2030-01-01", "--end", "2030-02-01"]
+    words += ["--unattested", "--image", "example/ariac:1", "--start", "2030-01-01", "--end", "2030-02-01"]
 
     assert main([*words, "-o", str(tmp_path / "bundle.zip")]) == 4
     assert "'./ours.py:NearMiss' is code in a file" in capsys.readouterr().err

@@ -57,11 +57,16 @@ def digest(message: Recorded) -> str:
     return base64.b64encode(hashlib.sha256(bytes(payload)).digest()[:12]).decode()
 
 
-def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[Recorded]:
+def attested(
+    messages: Sequence[Recorded],
+    sign: Callable[[str], str],
+    notes: Sequence[str] = (),
+    listened_s: tuple[int, int] = (0, 10),
+) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
     out, chain = list(messages), RECORDING
     counted = dict.fromkeys([m.topic for m in messages], 0)
-    for second in range(10):
+    for number, second in enumerate(range(*listened_s), start=1):
         now = [m for m in messages if second * 10**9 <= m.t_ns < (second + 1) * 10**9]
         topics = {}
         for topic in dict.fromkeys(m.topic for m in now):
@@ -69,17 +74,18 @@ def attested(messages: Sequence[Recorded], sign: Callable[[str], str]) -> list[R
             topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
             counted[topic] += len(came)
         sent = (second + 1) * 10**9 - 1
-        body = _json({"recording": RECORDING, "sequence": second + 1, "ros_ns": sent, "topics": topics})
+        body = _json({"recording": RECORDING, "sequence": number, "ros_ns": sent, "topics": topics})
         chain = _sha256(chain + body)
-        beat = {"recording": RECORDING, "sequence": second + 1, "body": body, "chain": chain}
+        beat = {"recording": RECORDING, "sequence": number, "body": body, "chain": chain}
         out.append(recorder("heartbeat", "Heartbeat", (second + 1) * 10**9 - 1, beat))
     manifest = _json(
         {
             "format": "ariac-score-manifest/1",
             "recording": RECORDING,
             "closed": True,
-            "heartbeats": {"count": 10, "chain": chain},
+            "heartbeats": {"count": listened_s[1] - listened_s[0], "chain": chain},
             "topics": {topic: {"count": count} for topic, count in counted.items()},
+            "notes": list(notes),
         }
     )
     said = {"recording": RECORDING, "closed": True, "body": manifest, "signature": sign(manifest)}
@@ -231,6 +237,14 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
         "signed by nobody known": (attested(events(), lambda _: "RW"), "its signature is none"),
         "a message moved": (sorted(moved, key=lambda m: m.t_ns), "moved: 1 message on /ariac_score/events"),
         "all messages moved, heartbeats too": (stretched, "its heartbeats were moved, by up to 9.0 s"),
+        "a recorder that began late": (
+            attested(events(), signing[1], listened_s=(4, 10)),
+            "its recorder began at 5.000 s, and the competition at 1.000 s",
+        ),
+        "one that ended early": (
+            attested(events(), signing[1], listened_s=(0, 6)),
+            "its recorder ended at 6.000 s, and the competition at 9.000 s",
+        ),
         "a message put in": (sorted(put_in, key=lambda m: m.t_ns), "that it did not receive"),
     }
     for name, (messages, words) in cases.items():
@@ -247,6 +261,15 @@ def test_a_message_that_reached_the_log_a_second_late_was_not_moved(tmp_path: Pa
     found = scored(tmp_path, sorted(late, key=lambda m: m.t_ns), attesting(signing))
 
     assert completeness(found) == "recorder: "
+
+
+def test_what_the_recorder_noticed_stands_in_the_result(tmp_path: Path, signing: Signing) -> None:
+    """As `ariac_score_recorder` words it: the clock stood still, another recorder runs."""
+    notes = ["/clock stood still at 3.000 s for 1.0 s or longer", "another recorder publishes here: ffff"]
+
+    found = scored(tmp_path, attested(events(), signing[1], notes), attesting(signing))
+
+    assert completeness(found) == "recorder: " + "; ".join(f"its recorder noted: {note}" for note in notes)
 
 
 def test_who_asks_for_attested_logs_names_a_key(tmp_path: Path) -> None:

@@ -770,6 +770,32 @@ def test_what_cannot_be_packed_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "s.zip").exists()
 
 
+def test_a_phase_says_what_a_recording_is_worth_that_nobody_attests(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = tmp_path / "ours.yaml"
+    words = ["platform", "codabench", "bundle", "--rules", str(rules), "--title", "P", "--image", IMAGE]
+    words += ["--start", "2026-09-01", "--end", "2026-10-01", "--trial", "kit", "-o", str(tmp_path / "b.zip")]
+    head = f"extends: {RULES}\nid: ours\ntitle: Ours\nsource: this test\n"
+    key = "RW" + "Q" * 54
+    attested = f"completeness: attested\nauthority: {{recorder_keys: [{key}]}}\n"
+    for more, options, code, says in (
+        ("", (), 4, ""),
+        ("", ("--unattested",), 0, "Every recording counts"),
+        ("completeness: believed\n", (), 0, "Every recording counts"),
+        (attested, (), 0, "Only recordings count"),
+    ):
+        rules.write_text(head + more, encoding="utf-8")
+        assert main([*words, *options]) == code
+        said = capsys.readouterr().err
+        if code:
+            assert f"{rules}: teams hand in their own recordings, and ours does not say" in said
+            assert "hint: extend the rules with 'completeness: attested'" in said
+        else:
+            with zipfile.ZipFile(tmp_path / "b.zip") as bundle:
+                assert says in bundle.read("rules.md").decode()
+
+
 @pytest.mark.slow
 def test_the_commands_say_what_they_did(
     tmp_path: Path, log_text: str, capsys: pytest.CaptureFixture[str]
@@ -777,7 +803,7 @@ def test_the_commands_say_what_they_did(
     (tmp_path / "kit_1").mkdir()
     (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
     head = ["platform", "codabench"]
-    bundle_arguments = ["--rules", RULES, "--title", "P", "--image", IMAGE, "--start", "2026-09-01"]
+    bundle_arguments = ["--rules", RULES, "--unattested", "--title", "P", "--image", IMAGE, "--start", "2026-09-01"]
     zips = [str(tmp_path / name) for name in ("b.zip", "s.zip")]
     assert (
         main([*head, "bundle", *bundle_arguments, "--end", "2026-10-01", "--trial", "kit", "-o", zips[0]])
@@ -811,7 +837,7 @@ def hosted(tmp_path: Path, log: str, **brought: str) -> Path:
         (recording / name).write_text(text, encoding="utf-8")
     zips = [str(tmp_path / name) for name in ("bundle.zip", "submission.zip")]
     head = ["platform", "codabench"]
-    dates = ["--start", "2026-09-01", "--end", "2026-10-01", "--image", IMAGE]
+    dates = ["--start", "2026-09-01", "--end", "2026-10-01", "--image", IMAGE, "--unattested"]
     trial = f"kitting={tmp_path / 'organiser.yaml'}"
     assert (
         main([*head, "bundle", "--rules", RULES, "--title", "P", *dates, "--trial", trial, "-o", zips[0]])
