@@ -82,7 +82,7 @@ class AicBagReader:
 
     facts = ReaderFacts(
         a_file="a recording of the challenge",
-        formats="bags of the AI for Industry Challenge",
+        formats="bags of AIC 2026",
         folders=True,
         beside=("*.yaml", "*.yml"),
     )

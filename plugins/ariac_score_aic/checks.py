@@ -102,6 +102,10 @@ class ForceTime:
         recording.
     Violated when:
         That time is longer than `limit_s`.
+    Attributes:
+        threshold_n: Force above which time counts.
+        limit_s: The longest time that costs nothing.
+        unseen: What no force in the recording means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 860 to 905: both comparisons are strict, the first sample counts for nothing.
     """
@@ -183,6 +187,8 @@ class Contacts:
         The messages of the simulator that name a contact.
     Violated when:
         There is one; all of a trial are one violation.
+    Attributes:
+        unseen: What no topic of contacts in the recording means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 907 to 930.
     """
@@ -236,6 +242,8 @@ class PathLength:
         recording, in m.
     Violated when:
         Never: what is long enough to cost points is for the rules to say.
+    Attributes:
+        unseen: What no pose of the gripper in the recording means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 640 to 690: after each message of a moving topic the latest pose, if its
         stamp is new.
@@ -285,6 +293,10 @@ class PolynomialJerk:
         around each sample that is faster than `gate_m_s`, weighted with the length of the window.
     Violated when:
         Never: how smooth is smooth enough is for the rules to say.
+    Attributes:
+        window: How many samples a fit takes.
+        gate_m_s: Samples at this speed or below do not count.
+        unseen: What no velocity in the recording means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 547 to 640.
     """
@@ -325,6 +337,9 @@ class PoseJerk:
         The mean jerk of the gripper, from third differences over four neighbouring poses.
     Violated when:
         Never: how smooth is smooth enough is for the rules to say.
+    Attributes:
+        average: Whether jerks are averaged as vectors or by their magnitudes.
+        gate_m_s: With magnitudes, what is not faster than this does not count.
     Source:
         `ScoringTier2.cc` at 15839f2e1 (mean of vectors) and e0a428b3a (mean of magnitudes).
     """

@@ -94,6 +94,12 @@ class FinalsForce:
         and every time above the threshold without a break.
     Violated when:
         Such a time is longer than `limit_s`; each is one violation, and the first to begin is named first.
+    Attributes:
+        sfp_threshold_n: Force at the SFP end above which time counts.
+        sc_threshold_n: Force at the SC end above which time counts.
+        limit_s: The longest unbroken time above it that costs nothing.
+        bias_s: The time at the beginning of a stretch whose mean force is its bias.
+        within: Whether a stretch is cut to its commands, or goes from mark to mark.
     Source:
         `aic_engine/scripts/batch_score_bags.py` of intrinsic-dev/aic at 06338567. Forces have the
         sensor's stamps, commands the recorder's.

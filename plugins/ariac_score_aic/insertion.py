@@ -104,6 +104,14 @@ class Insertion:
         and less than `below_m` under the port, within `aside_m` in x and y of the world.
     Violated when:
         No event says that it is in its port.
+    Attributes:
+        aside_m: How far the plug may be aside of the port, in x and in y, to be partly in it.
+        below_m: How far it may be below the port to be partly in it.
+        radius_share: The share of the start distance over which nearness counts.
+        fixed_radius_m: The distance over which it counts, whatever the start distance; 0 takes the share.
+        event: Which insertion events count: those that name the port, any, or those that name an end of a
+            cable as well.
+        place_always: Whether the place of the plug counts besides an event.
     Source:
         `ScoringTier2.cc`, lines 700 to 830. Axes are those of the world, and orientation does not matter.
     """

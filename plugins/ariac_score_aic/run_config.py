@@ -98,7 +98,9 @@ class AicConfigReader:
     """
 
     facts = ReaderFacts(
-        role="trial_config", a_file="a configuration of the engine", formats=f"{FORMAT} (YAML)"
+        role="trial_config",
+        a_file="a configuration of the engine",
+        formats="engine configurations of AIC 2026 (YAML)",
     )
 
     def can_read(self, path: Path) -> bool:

@@ -118,7 +118,9 @@ class AicScoringReader:
         `aic_engine.cpp` and `TierScore.hh` of intrinsic-dev/aic.
     """
 
-    facts = ReaderFacts(role="official", a_file="an official result of the engine", formats=FORMAT)
+    facts = ReaderFacts(
+        role="official", a_file="an official result of the engine", formats="scoring.yaml of AIC 2026"
+    )
 
     def can_read(self, path: Path) -> bool:
         """Whether it is YAML that begins with `total:`, and is about tiers or called `scoring.yaml`."""
@@ -250,11 +252,8 @@ def written(run: OfficialRun) -> str:
     """A result as the engine writes it: block style, no line break at the end.
 
     >>> tier = Tier(1.0, "Model validation succeeded.")
-    >>> print(written(OfficialRun("", 1.0, (OfficialTrial("trial_1", (tier, tier, tier)),)))[:44])
-    total: 1
-    trial_1:
-      tier_1:
-        score: 1
+    >>> written(OfficialRun("", 1.0, (OfficialTrial("trial_1", (tier, tier, tier)),))).splitlines()[:4]
+    ['total: 1', 'trial_1:', '  tier_1:', '    score: 1']
     """
     lines = [f"total: {as_written(run.total)}"]
     for trial in sorted(run.trials, key=lambda trial: trial.id.encode()):

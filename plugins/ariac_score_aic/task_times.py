@@ -72,7 +72,9 @@ class TaskTimesReader:
         This project's own file, for the engine records neither time.
     """
 
-    facts = ReaderFacts(role="task_times", a_file="a file of task times", formats=f"{FORMAT} (YAML)")
+    facts = ReaderFacts(
+        role="task_times", a_file="a file of task times", formats="task times of AIC 2026 (YAML)"
+    )
 
     def can_read(self, path: Path) -> bool:
         """Whether it is YAML that begins with `format: aic-task-times/1`."""

@@ -27,6 +27,15 @@ RULES, MONITORS = "ariac_score.rules", "ariac_score.monitors"
 
 SHIPPED = {
     RULES: [
+        "aic.contacts",
+        "aic.finals_force",
+        "aic.force_time",
+        "aic.insertion",
+        "aic.path_length",
+        "aic.polynomial_jerk",
+        "aic.pose_jerk",
+        "aic.start_distance",
+        "aic.task_time",
         "assembly.counters",
         "assembly.insert",
         "assembly.pairs",
@@ -86,6 +95,10 @@ SHIPPED = {
         "team.sensor_cost",
     ],
     "ariac_score.readers": [
+        "aic.bag",
+        "aic.config",
+        "aic.scoring",
+        "aic.task_times",
         "ariac_config",
         "ariac_database",
         "ariac_team",
@@ -114,7 +127,7 @@ SHIPPED = {
     ],
     "ariac_score.tracks": ["ariac.models"],
     "ariac_score.record_kinds": ["order", "submission"],
-    "ariac_score.competitions": ["ariac"],
+    "ariac_score.competitions": ["aic", "ariac"],
 }
 
 
