@@ -105,7 +105,7 @@ class ForceTime:
     Attributes:
         threshold_n: Force above which time counts.
         limit_s: The longest time that costs nothing.
-        unseen: What no force in the recording means: nothing (none), or that it is undecided (open).
+        unseen: What no force means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 860 to 905: both comparisons are strict, the first sample counts for nothing.
     """
@@ -188,7 +188,7 @@ class Contacts:
     Violated when:
         There is one; all of a trial are one violation.
     Attributes:
-        unseen: What no topic of contacts in the recording means: nothing (none), or that it is undecided (open).
+        unseen: What no topic of contacts means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 907 to 930.
     """
@@ -243,7 +243,7 @@ class PathLength:
     Violated when:
         Never: what is long enough to cost points is for the rules to say.
     Attributes:
-        unseen: What no pose of the gripper in the recording means: nothing (none), or that it is undecided (open).
+        unseen: What no pose of the gripper means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 640 to 690: after each message of a moving topic the latest pose, if its
         stamp is new.
@@ -296,7 +296,7 @@ class PolynomialJerk:
     Attributes:
         window: How many samples a fit takes.
         gate_m_s: Samples at this speed or below do not count.
-        unseen: What no velocity in the recording means: nothing (none), or that it is undecided (open).
+        unseen: What no velocity means: nothing (none), or that it is undecided (open).
     Source:
         `ScoringTier2.cc`, lines 547 to 640.
     """
