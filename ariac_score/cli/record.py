@@ -21,7 +21,9 @@ from ariac_score.logs.logmap import is_log_map_file, load_log_map
 from ariac_score.logs.recording import OWN_TOPICS, Recording, load_recording
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 
-_RELEASES = ("1", "galactic", "humble", "iron", "jazzy")
+_RELEASES = ("1", "galactic", "humble", "iron", "jazzy", "kilted")
+_WITH_SERVICES = ("jazzy", "kilted")
+"""Releases whose `ros2 bag` records services by name, and asks for `--topics`."""
 _CLOSING_S = 20.0
 """How long a bag may take to be closed; after that it is ended, and its file stays as it is."""
 _LATE_S = 60.0
@@ -75,6 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
         ros=arguments.ros,
         registry=registry,
     )
+    if not set(recording.topics) - {"/clock"}:
+        raise UsageError(
+            f"the log map of {rule_set.id} names no topic, so nothing would be recorded",
+            hint="name one of your own: --log-map FILE; 'ariac-score map LOG' drafts one from a recording",
+        )
     output = arguments.output or Path("trial")
     bag, recorder = bag_command(recording, output), recorder_command(recording, output, arguments.key)
     if arguments.output or arguments.runs:
@@ -102,21 +109,22 @@ def bag_command(recording: Recording, output: Path) -> list[str]:
         recording: What to record.
         output: Path of the recording, without ending.
     """
-    topics = sorted({*recording.topics, *OWN_TOPICS})
+    events = [f"{service}/_service_event" for service in recording.services]
+    # Whoever records services by name must not name their events among the topics as well.
+    topics = sorted({*recording.topics, *OWN_TOPICS} - set(events))
     if recording.ros == "1":
         return ["rosbag", "record", "-O", f"{output}.bag", "--lz4", "--tcpnodelay", "-b", "1024", *topics]
     command = ["ros2", "bag", "record", "-o", str(output)]
     if recording.ros != "galactic":  # it knows neither MCAP nor simulated time
         command += ["-s", "mcap"]
-    if recording.ros in ("iron", "jazzy"):
+    if recording.ros in ("iron", *_WITH_SERVICES):
         command += ["--storage-preset-profile", "zstd_fast"]
     if recording.simulated and recording.ros != "galactic":
         command.append("--use-sim-time")
-    events = [f"{service}/_service_event" for service in recording.services]
     if recording.hidden or (events and recording.ros == "iron"):
         command.append("--include-hidden-topics")
     command += ["--qos-profile-overrides-path", f"{output}.qos.yaml"]
-    if recording.ros == "jazzy":
+    if recording.ros in _WITH_SERVICES:
         command += ["--topics", *topics]
         return [*command, "--services", *recording.services] if recording.services else command
     return [*command, *topics, *(events if recording.ros == "iron" else [])]
@@ -139,19 +147,29 @@ def recorder_command(recording: Recording, output: Path, key: Path | None) -> li
     return [*command, *(simulated if recording.ros != "1" else [])]
 
 
-_QOS = """\
-/tf_static: {history: keep_all, reliability: reliable, durability: transient_local}
-/rosout: {history: keep_last, depth: 1000, reliability: reliable, durability: transient_local}
-/ariac_score/manifest: {history: keep_last, depth: 2, reliability: reliable, durability: transient_local}
-"""
-"""Publishers that may come after the recorder, which would otherwise ask for less than they offer."""
+def qos_overrides(recording: Recording) -> str:
+    """What `ros2 bag` asks of publishers that send their messages once, also to whoever comes later.
+
+    Such a publisher may come after the recorder, which would otherwise ask for less than it offers.
+
+    Args:
+        recording: What to record.
+    """
+    kept = {topic: "keep_last, depth: 10" for topic in recording.latched}
+    kept |= {"/tf_static": "keep_all", "/rosout": "keep_last, depth: 1000"}
+    kept = {topic: how for topic, how in kept.items() if topic in recording.topics}
+    kept |= {"/ariac_score/manifest": "keep_last, depth: 2"}
+    return "".join(
+        f"{topic}: {{history: {how}, reliability: reliable, durability: transient_local}}\n"
+        for topic, how in sorted(kept.items())
+    )
 
 
 def _write_plan(recording: Recording, output: Path, arguments: argparse.Namespace) -> None:
     plan = recording.plan(trial=arguments.trial, team=arguments.team, forward=arguments.forward)
     files = {f"{output}.plan.json": json.dumps(plan, indent=1, sort_keys=True) + "\n"}
     if recording.ros != "1":
-        files[f"{output}.qos.yaml"] = _QOS
+        files[f"{output}.qos.yaml"] = qos_overrides(recording)
     for name, text in files.items():
         try:
             Path(name).write_text(text, encoding="utf-8")
@@ -171,8 +189,9 @@ def _lines(
     for topic, why in sorted(recording.left_out.items()):
         yield f"# left out: {topic}: {why}"
     yield shlex.join(bag)
+    files = "its plan" if recording.ros == "1" else "its plan, and the profiles that the bag asks for"
     yield "# beside it, our recorder: submissions, events, a signed manifest" + (
-        "" if is_planned else "; add -o NAME to write its plan"
+        "" if is_planned else f"; add -o NAME to write {files}"
     )
     yield shlex.join(recorder)
 

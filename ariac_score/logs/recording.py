@@ -39,6 +39,7 @@ class Recording:
         topics: In order of their names, without our own.
         left_out: Topics that must not be subscribed to, and why.
         services: Whose events are recorded.
+        latched: Topics whose messages are sent once, and kept for whoever comes later.
         hidden: Whether hidden topics are among them.
         simulated: Whether ROS time is that of a simulation.
         notes: What whoever records must know.
@@ -50,6 +51,7 @@ class Recording:
     topics: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
     services: tuple[str, ...] = ()
+    latched: tuple[str, ...] = ()
     hidden: bool = False
     simulated: bool = True
     notes: tuple[str, ...] = ()
@@ -139,6 +141,7 @@ def load_recording(
         topics=tuple(sorted(topics - set(left_out) - set(OWN_TOPICS))),
         left_out=left_out,
         services=tuple(data.get("services", [])),
+        latched=tuple(data.get("latched", [])),
         hidden=data.get("hidden", False),
         simulated=simulated,
         notes=tuple(data.get("notes", [])),

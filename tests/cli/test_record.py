@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
+from ariac_score.documents.yaml import load_yaml
 from ariac_score.logs.recording import OWN_TOPICS, load_recording, recording_names
+from ariac_score.scoring.ruleset import rule_set_names
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "ros/ariac_score_recorder/src"))
 from ariac_score_recorder.plan import Plan
@@ -52,7 +54,7 @@ def test_contents_are_left_out_in_competition_mode_and_the_reason_is_said(
 
 
 def test_what_decides_a_score_is_in_every_command(subtests: pytest.Subtests, capsys: Capture) -> None:
-    state = {"ariac2025": "/competition_status"}
+    state = {"ariac2025": "/competition_status", "aic2026": "/scoring/insertion_event"}
     for name in recording_names():
         with subtests.test(name):
             recording = load_recording(None, [name])
@@ -61,7 +63,7 @@ def test_what_decides_a_score_is_in_every_command(subtests: pytest.Subtests, cap
             assert not set(recording.topics) & set(recording.left_out)
             # The recorder takes the plan as it is.
             plan = Plan(recording.plan(forward=True))
-            assert bool(plan.forwards) == (name not in ("ariac2017", "ariac2018"))
+            assert bool(plan.forwards) == (name not in ("ariac2017", "ariac2018", "aic2026"))
             assert set(plan.left_out) == set(recording.left_out)
     line = bag_line(said(capsys, "--rules", "paper2020"))
     assert {"/snapshot", "/tf_static", "/ariac/orders", *OWN_TOPICS} <= set(line)
@@ -76,6 +78,7 @@ def test_each_release_of_ros_gets_options_that_it_has(capsys: Capture) -> None:
     assert {"--use-sim-time", "mcap", "zstd_fast", "--include-hidden-topics"} <= set(iron) & set(jazzy)
     assert iron[-1] == "/ariac/submit_order/_service_event"  # Iron has no --services
     assert "--topics" not in iron
+    assert len(set(iron)) == len(iron)
     assert jazzy[jazzy.index("--services") + 1 :][0] == "/submit_kitting_order"
     assert jazzy.index("--topics") < jazzy.index("/competition_status") < jazzy.index("--services")
 
@@ -89,6 +92,29 @@ def test_the_plan_is_written_beside_the_recording(tmp_path: Path, capsys: Captur
     assert [f["service"] for f in plan["forwards"]] == ["/ariac/agv1", "/ariac/agv2"]
     assert list(plan["left_out"]) == ["/ariac/trays"]
     assert "/clock" not in plan["topics"]
+
+
+def test_topics_that_are_sent_once_are_asked_for_as_their_publishers_offer_them(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """Recording.md, section 6.2: a recorder that subscribes first would ask for less and miss what was sent."""
+    said(capsys, "--rules", "ariac2024.release_3", "-o", str(tmp_path / "trial"))
+    asked = load_yaml(tmp_path / "trial.qos.yaml").data
+    latched = {"/ariac/trial_config", "/ariac/environment_ready", "/tf_static", "/rosout"}
+    assert asked.keys() == {*latched, "/ariac_score/manifest"}
+    assert {profile["durability"] for profile in asked.values()} == {"transient_local"}
+    assert {profile["reliability"] for profile in asked.values()} == {"reliable"}
+
+
+def test_every_shipped_rule_set_says_what_to_record_or_that_a_log_map_is_missing(
+    subtests: pytest.Subtests, capsys: Capture
+) -> None:
+    """Of rules with several states of one competition, one of each is enough: they share a log map."""
+    shared = {name.partition(".")[0]: name for name in rule_set_names() if name != "safety"}
+    for name in shared.values():
+        with subtests.test(name):
+            assert len(bag_line(said(capsys, "--rules", name))) > 10
+    assert "names no topic" in said(capsys, "--rules", "safety", "--ros", "1", code=4)
 
 
 def test_a_log_map_of_ones_own_adds_its_topics(tmp_path: Path, capsys: Capture) -> None:
@@ -136,7 +162,8 @@ def test_running_ends_the_bag_after_the_recorder(
     recorder.write_text("#!/bin/sh\nexit 5\n")
     assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
     assert "the recorder ended with code 5" in capfd.readouterr().err
-    bag.write_text("#!/bin/sh\nexit 1\n")
-    recorder.write_text("#!/bin/sh\nsleep 60\n")
+    # Not before its trap is set: a shell that is just starting may lose the signal.
+    bag.write_text(f"#!/bin/sh\nwhile [ ! -e {recorder}.up ]; do sleep 0.01; done\nexit 1\n")
+    recorder.write_text("#!/bin/sh\ntrap 'exit 0' INT\ntouch $0.up\nwhile :; do sleep 0.05; done\n")
     assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
     assert "the bag ended with code 1" in capfd.readouterr().err
