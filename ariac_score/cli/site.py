@@ -96,6 +96,8 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     competition = load_competition(arguments.result, arguments.rules, may_be_empty=True)
     rule_set = load_rule_set(competition.rules)
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
+    if not competition.runs and not competition.refused:
+        note(arguments, "no run was found, so the site has no ranks yet: 'rank' says where runs are looked for")
     previous = _previous(arguments)
     grid = _grid(arguments, competition, rule_set)
     with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:

@@ -16,7 +16,7 @@ from ariac_score.report.openness import narrowing_text, open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.statements import rests_on
 from ariac_score.report.summary import summary_of
-from ariac_score.report.words import label_of, words_of
+from ariac_score.report.words import label_of, priced_check, words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
 from ariac_score.scoring.decimals import in_own_decimals
@@ -174,7 +174,7 @@ def _spoken(line: Line, places: Places) -> str:
     own = line.subject.rpartition("/")[2]
     if own and line.path.endswith(f"/{own}"):
         return places.own(line.subject)
-    return label_of(line)
+    return priced_check(label_of(line))
 
 
 def _worth_showing(line: Line) -> Line:

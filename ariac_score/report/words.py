@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 
 from ariac_score.errors import ScoreError
@@ -10,7 +11,7 @@ from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.words import Words, spelled
 
-__all__ = ["capital", "label_of", "words_of"]
+__all__ = ["capital", "label_of", "priced_check", "words_of"]
 
 
 def words_of(result: Result) -> Words:
@@ -35,6 +36,19 @@ def label_of(line: Line) -> str:
     """The label of a line of a ledger; of its two great sums in words that say what they are sums of."""
     is_sum = line.path.count("/") == 1 and line.path.endswith(f"/{line.label}")
     return _SUMS.get(line.label, line.label) if is_sum else _named(line)
+
+
+_PRICED = re.compile(r"(?:[\w.]+ \* )?(?:points|holds)\((\w+)\)(?: \* [\w.]+)?")
+
+
+def priced_check(label: str) -> str:
+    """The check that a formula prices, in words, where it says no more than that; else the label as it is.
+
+    >>> priced_check("right_part * points(right_color)"), priced_check("points(pose) - 1")
+    ('right colour', 'points(pose) - 1')
+    """
+    priced = _PRICED.fullmatch(label)
+    return spelled(priced[1].replace("_", " ")) if priced else label
 
 
 def _named(line: Line) -> str:

@@ -256,6 +256,26 @@ def test_what_is_folded_away_is_on_paper(open_page: Any, file: Path) -> None:
     assert page.locator("details.evidence:not([open]) > ul").first.bounding_box()["height"] > 10
 
 
+def test_on_paper_the_replay_stands_still_at_its_worst_moment(open_page: Any, tmp_path: Path) -> None:
+    page = open_page(PAGES.write_page(tmp_path, PAGES.example())).page
+    page.get_by_role("button", name="Start").click()
+    required = page.locator(".strip .required")
+    at_start = required.bounding_box()["width"]
+
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+
+    # 5.46 m are required at the worst moment, of 7.70 m that are drawn.
+    assert required.bounding_box()["width"] != at_start
+    assert required.evaluate("one => one.style.width")[:3] == "70."
+    assert required.evaluate("one => getComputedStyle(one).backgroundColor") != "rgb(255, 255, 255)"
+    assert page.locator(".scrub input").is_hidden()
+    assert (
+        page.locator(".states > li").first.inner_text()
+        == "order 1 announced at 1.00\u202fs, delivered at 14.00\u202fs"
+    )
+
+
 def test_every_parameter_in_force_is_on_the_page(open_page: Any, file: Path, result: Result) -> None:
     page = open_page(file).page
     shown = page.eval_on_selector_all(

@@ -91,6 +91,16 @@ def test_a_slider_ranks_anew_and_one_button_goes_back(open_page: Any, site: Path
     assert page.inner_text("#what-if-said") == "Ranks are as in the rules"
 
 
+def test_on_paper_the_ranking_says_under_which_numbers_it_is(open_page: Any, site: Path) -> None:
+    page = open_page(site / "index.html").page
+    page.get_by_role("slider", name="each approach nearer than the robot may come").press("Home")
+    page.emulate_media(media="print")
+
+    assert page.inner_text("#lever-0-now") == "0\u202fpoints"
+    assert page.inner_text("#what-if-said") == "2 of 4 teams have another rank"
+    assert page.get_by_role("slider").count() == 0
+
+
 def test_marks_show_between_which_steps_ranks_flip(open_page: Any, site: Path) -> None:
     page = open_page(site / "index.html").page
     marks = page.eval_on_selector_all(

@@ -371,6 +371,23 @@ def test_the_steps_of_the_example_are_those_of_its_ledger(example: Result) -> No
     assert falls.steps[1].findings[0] == "part_color#2"  # the violated one before those that were kept
 
 
+def test_a_step_says_whose_it_is_below_a_sum_that_is_a_formula_and_names_its_check() -> None:
+    def total(path: str, label: str, subject: str, inner: Line) -> Line:
+        return Line(path, label, "sum", Decimal(4), 4.0, (inner,), subject=subject)
+
+    found = Line(
+        "", "right", "amount", Decimal(4), 4.0, findings=("right#1",), subject="order_0/kit_0/part_0"
+    )
+    price = total("score/gate_contact_kits/kit_0/right", "right_part * points(right_color)", "", found)
+    kit = total("score/gate_contact_kits/kit_0", "kit_0", "order_0/kit_0", price)
+    whole = total("score", "score", "", total("score/gate_contact_kits", "gate(contact) * kits", "", kit))
+
+    (step,) = waterfall_of(whole, {}).steps
+
+    assert (step.words, step.where) == ("right colour", "order_0/kit_0")
+    assert step.label == "right_part * points(right_color)"  # shown on pointing at it
+
+
 # Charts and plan -----------------------------------------------------------------------
 
 

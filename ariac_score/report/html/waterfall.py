@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import rounded_points
-from ariac_score.report.words import label_of
+from ariac_score.report.words import label_of, priced_check
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.trial.spans import Span
-from ariac_score.trial.words import spelled
 
 __all__ = ["Step", "Waterfall", "waterfall_of"]
 
 MOST_STEPS = 24
 """The ledger is opened level by level until it would have more steps than this."""
 
-_POINTS = re.compile(r"points\((\w+)\)")
 _SILENT = ("factor", "rounding", "cap", "neutral")
 """Lines that no bar shows where their amount is 0."""
 _WORST_FIRST = (Verdict.VIOLATED, Verdict.INCONCLUSIVE, Verdict.SATISFIED, Verdict.NOT_APPLICABLE)
@@ -63,9 +60,8 @@ class Step:
 
     @property
     def words(self) -> str:
-        """Its label; of the points of a check, which are priced as they are, the check alone."""
-        points = _POINTS.fullmatch(self.label)
-        return spelled(points[1].replace("_", " ")) if points else self.label
+        """Its label; of the points of a check, at any price, the check alone."""
+        return priced_check(self.label)
 
     @property
     def after(self) -> Decimal:
@@ -101,6 +97,7 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
         findings: By id; a step links only to these.
     """
     lines, decimals = _opened(ledger), _shown_decimals(ledger)
+    owners = {line.path: line.subject for line in ledger.walk() if _is_of(line)}
     running = [Decimal(0)]
     for line in lines:
         running.append(running[-1] + line.amount)
@@ -108,18 +105,18 @@ def waterfall_of(ledger: Ledger, findings: Mapping[str, Finding]) -> Waterfall:
     room = float(high - low) or 1.0
     steps = []
     for line, before in zip(lines, running, strict=False):
-        start = min(before, before + line.amount)
+        start, where = min(before, before + line.amount), _where(line, owners)
         steps.append(
             Step(
                 _label(line),
-                _where(line),
+                where,
                 line.path,
                 line.amount,
                 before,
                 100 * float(start - low) / room,
                 100 * abs(float(line.amount)) / room,
                 _worst_first(line, findings),
-                (line.subject or _where(line)).partition("/")[0],
+                (line.subject or where).partition("/")[0],
                 line.subject if _is_of(line) else "",
                 _violated_at(line, findings),
                 line.kind == "rounding" and not round(line.amount, decimals),
@@ -201,14 +198,16 @@ def _is_of(line: Line) -> bool:
     return bool(line.subject) and line.path.endswith(f"/{_own(line)}")
 
 
-def _where(line: Line) -> str:
-    """The item of work a step belongs to; a factor has no subject and belongs to the line above it."""
+def _where(line: Line, owners: Mapping[str, str]) -> str:
+    """The item of work a step belongs to; a line without a subject belongs to the nearest item above it."""
     if _is_of(line):
         return line.subject.rpartition("/")[0]
     if line.subject or line.kind == "amount":
         return line.subject
-    above = line.path.split("/")[1:-1]
-    return above[1] if len(above) > 1 else ""
+    path = line.path
+    while path and path not in owners:
+        path = path.rpartition("/")[0]
+    return owners.get(path, "")
 
 
 def _worst_first(line: Line, findings: Mapping[str, Finding]) -> tuple[str, ...]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 
 from ariac_score.ranking.rank import Ranking
-from ariac_score.report.html.wording import amount, brief, number
+from ariac_score.report.html.wording import brief, number, round_to
 from ariac_score.review.what_if import Flip, Lever, Place, WhatIf, flips_of
 
 __all__ = ["LeverView", "WhatIfView", "step_text", "what_if_view"]
@@ -117,8 +116,4 @@ def _text(found: WhatIf, order: Sequence[str], levers: Sequence[LeverView]) -> s
 
 def _shown(place: Place) -> list[object]:
     safety = None if place.task is None else place.score - place.task
-    return [place.rank, _points(place.score), _points(place.task), _points(safety)]
-
-
-def _points(value: Decimal | None) -> str:
-    return amount(None if value is None else value.quantize(Decimal("0.01")))
+    return [place.rank, *(round_to(points, 2) for points in (place.score, place.task, safety))]

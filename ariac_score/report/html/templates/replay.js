@@ -111,7 +111,7 @@
       const done = item.dataset.to === "" ? Infinity : Number(item.dataset.to);
       const state = t < from ? "later" : t < done ? "open" : "done";
       item.className = state;
-      item.querySelector("span").textContent = { later: "not announced yet", open: "open", done: "delivered" }[state];
+      item.querySelector(".live").textContent = { later: "not announced yet", open: "open", done: "delivered" }[state];
     }
   }
 
@@ -199,6 +199,11 @@
     const cursor = document.createElement("span");
     cursor.className = "now";
     drawing.append(cursor);
+  }
+  /* On paper the distance is drawn at its worst moment, as its caption says. */
+  if (strip) {
+    addEventListener("beforeprint", () => kept(Number(strip.dataset.worstS)));
+    addEventListener("afterprint", () => kept(now));
   }
   main.classList.add("replaying");
   for (const part of replay.querySelectorAll("[data-scripted]")) part.hidden = false;
