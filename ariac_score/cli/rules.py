@@ -1,4 +1,4 @@
-"""`ariac-score rules list|show|validate|diff|check`: rule sets, their differences, the laws they keep."""
+"""`ariac-score rules list|show|validate|diff|check|prove`: rule sets, their differences, their laws."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ariac_score.cli.actions import add_action
 from ariac_score.cli.changed_scores import changed_by_logs, changed_by_results
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import counted
+from ariac_score.cli.prove import add_prove
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import plugins_of_log_map
 from ariac_score.errors import ScoreError, UsageError
@@ -92,6 +93,7 @@ def register(commands: Any) -> None:
     check.add_argument("--seed", type=int, default=0, metavar="S", help="the same seed tries the same cases")
     add_local_plugins(check)
     check.set_defaults(run=run_check)
+    add_prove(actions)
 
 
 def _count(text: str) -> int:

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.notes import counted
+from ariac_score.cli.prove import verify_certificate
 from ariac_score.cli.stored import not_a_log
 from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.errors import UsageError
 from ariac_score.results.signing import check_signature
+from ariac_score.review.proofs.certificate import certificate_in
 from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
 from ariac_score.terminal.style import Style, plain, style_for
 
@@ -72,6 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
             "--local-plugins needs the rule set and the log",
             hint="add --rules FILE, beside which the code lies, and --log PATH",
         )
+    certificate = certificate_in(arguments.result)
+    if certificate is not None:
+        return verify_certificate(certificate, arguments)
     with not_a_log(arguments.result, "verify"):
         found = verify_result(
             arguments.result,

@@ -35,6 +35,7 @@ __all__ = [
     "Traced",
     "add_up",
     "arity_of",
+    "known_value",
     "text_of",
 ]
 
@@ -290,7 +291,7 @@ class Expression:
         """
         for call in self.walk():
             if isinstance(call, ast.Call) and text_of(call.func) == "ramp" and len(call.args) == 5:
-                hi, lo = (_known_value(self.part(end), known) for end in call.args[2:4])
+                hi, lo = (known_value(self.part(end), known) for end in call.args[2:4])
                 if hi is not None and lo is not None and hi < lo:
                     raise FormulaError(
                         f"{text_of(call)}: hi is {hi:g}, which is below lo, {lo:g}",
@@ -350,7 +351,7 @@ class _Numbers:
         return None
 
 
-def _known_value(formula: Expression, known: Mapping[str, Number]) -> Number | None:
+def known_value(formula: Expression, known: Mapping[str, Number]) -> Number | None:
     """What a formula is where it names nothing but these numbers; else `None`."""
     try:
         return formula.evaluate(_Numbers(known)).value

@@ -24,12 +24,17 @@ __all__ = [
     "Sign",
     "Surroundings",
     "Typed",
+    "compared",
     "constant",
+    "either",
     "joined",
     "of_function",
     "power",
+    "product",
+    "quotient",
     "total",
     "truth_of",
+    "turned",
     "type_of",
 ]
 
@@ -154,11 +159,13 @@ def _by(signs: Mapping[str, Sign], side: Sign) -> dict[str, Sign]:
     return {n: s.turned if side is Sign.DOWN else Sign.BOTH for n, s in signs.items() if s}
 
 
-def _turned(one: Typed) -> Typed:
+def turned(one: Typed) -> Typed:
+    """The value times -1."""
     return Typed(-one.most, -one.least, _by(one.signs, Sign.DOWN))
 
 
-def _product(one: Typed, other: Typed) -> Typed:
+def product(one: Typed, other: Typed) -> Typed:
+    """One value times another."""
     ends = [_times(a, b) for a in (one.least, one.most) for b in (other.least, other.most)]
     if (one.is_known and one.least == 0) or (other.is_known and other.least == 0):
         return constant(0)
@@ -179,11 +186,12 @@ def _inverse(one: Typed) -> Typed:
     return Typed(1 / one.most, 1 / one.least, _by(one.signs, Sign.DOWN))
 
 
-def _quotient(one: Typed, other: Typed) -> Typed:
+def quotient(one: Typed, other: Typed) -> Typed:
+    """One value divided by another."""
     if other.least <= 0 <= other.most:
         return _unknown(one, other)
     ends = [_over(a, b) for a in (one.least, one.most) for b in (other.least, other.most)]
-    return Typed(min(ends), max(ends), _product(one, _inverse(other)).signs)
+    return Typed(min(ends), max(ends), product(one, _inverse(other)).signs)
 
 
 def _over(one: float, other: float) -> float:
@@ -249,14 +257,14 @@ def least_of(types: Sequence[Typed]) -> Typed:
 
 def most_of(types: Sequence[Typed]) -> Typed:
     """The greatest of several."""
-    return _turned(least_of([_turned(one) for one in types]))
+    return turned(least_of([turned(one) for one in types]))
 
 
 def _absolute(one: Typed) -> Typed:
     if one.least >= 0:
         return one
     if one.most <= 0:
-        return _turned(one)
+        return turned(one)
     return Typed(0, max(-one.least, one.most), _by(one.signs, Sign.BOTH))
 
 
@@ -292,7 +300,8 @@ def _on_ramp(best: float, worst: float, hi: float, lo: float, x: float) -> float
     return best if x <= lo else worst + (hi - x) / (hi - lo) * (best - worst)
 
 
-def _compared(op: ast.cmpop, left: Typed, right: Typed) -> Typed:
+def compared(op: ast.cmpop, left: Typed, right: Typed) -> Typed:
+    """Whether two values are in an order, as 1 or 0."""
     symbol, holds = COMPARISONS[type(op)]
     if left.is_known and right.is_known and isfinite(left.least) and isfinite(right.least):
         return constant(int(holds(left.least, right.least)))
@@ -307,14 +316,14 @@ def _compared(op: ast.cmpop, left: Typed, right: Typed) -> Typed:
         return constant(1)
     if left.least > right.most or (strict and left.least >= right.most):
         return constant(0)
-    return Typed(0, 1, joined(right, _turned(left)))
+    return Typed(0, 1, joined(right, turned(left)))
 
 
 def _opposite(one: Typed) -> Typed:
     return Typed(1 - one.most, 1 - one.least, _by(one.signs, Sign.DOWN))
 
 
-def _either(test: Typed, body: Typed | None, other: Typed | None) -> Typed:
+def either(test: Typed, body: Typed | None, other: Typed | None) -> Typed:
     """One of two by a condition that is not known; `None` stands for one that may have no value."""
     if body is None or other is None:
         return _unknown(test, *(one for one in (body, other) if one is not None))
@@ -339,7 +348,7 @@ _FUNCTIONS: Mapping[str, Callable[[Sequence[Typed]], Typed]] = {
     "ramp": lambda v: _ramp(*v),
     "floor": lambda v: _floor(v[0]),
     "sum": total,
-    "mean": lambda v: _product(total(v), constant(1 / len(v))),
+    "mean": lambda v: product(total(v), constant(1 / len(v))),
     "any": lambda v: most_of([truth_of(one) for one in v]),
     "all": lambda v: least_of([truth_of(one) for one in v]),
     "count": lambda v: total([truth_of(one) for one in v]),
@@ -395,20 +404,20 @@ class _Visitor:
         if isinstance(node.op, ast.Add):
             return total([left, right])
         if isinstance(node.op, ast.Sub):
-            return total([left, _turned(right)])
+            return total([left, turned(right)])
         if isinstance(node.op, ast.Mult):
-            return _product(left, right)
+            return product(left, right)
         if isinstance(node.op, ast.Pow):
             return power(left, right)
         if right.is_known and right.least == 0:
             raise FormulaError(f"division by zero: {text_of(node)!r}")
-        return _quotient(left, right)
+        return quotient(left, right)
 
     def visit_unaryop(self, node: ast.UnaryOp) -> Typed:
         operand = self._visit(node.operand)
         if isinstance(node.op, ast.Not):
             return _opposite(truth_of(operand))
-        return _turned(operand) if isinstance(node.op, ast.USub) else operand
+        return turned(operand) if isinstance(node.op, ast.USub) else operand
 
     def visit_boolop(self, node: ast.BoolOp) -> Typed:
         stop = isinstance(node.op, ast.Or)
@@ -433,7 +442,7 @@ class _Visitor:
             )
             return constant(int(holds))
         types = [self._visit(side) for side in sides]
-        return least_of([_compared(op, a, b) for op, a, b in zip(node.ops, types, types[1:], strict=False)])
+        return least_of([compared(op, a, b) for op, a, b in zip(node.ops, types, types[1:], strict=False)])
 
     def _text(self, node: ast.expr) -> str | None:
         if isinstance(node, ast.Constant):
@@ -444,7 +453,7 @@ class _Visitor:
         test = truth_of(self._visit(node.test))
         if test.is_known:
             return self._visit(node.body if test.least else node.orelse)
-        return _either(test, self._branch(node, holds=True), self._branch(node, holds=False))
+        return either(test, self._branch(node, holds=True), self._branch(node, holds=False))
 
     def _branch(self, node: ast.IfExp, *, holds: bool) -> Typed | None:
         with self._inside():

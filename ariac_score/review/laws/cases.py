@@ -275,20 +275,33 @@ class World:
                 PAIRS[0], Verdict.SATISFIED, "kept", quantities=dict.fromkeys(_SEVERITIES, 0.0), check=check
             )
 
-    def score(self, case: Case) -> Number | None:
+    def score(self, case: Case, *, runs: int = 1) -> Number | None:
         """The score, not rounded; `None` when what is undecided withholds it.
+
+        Args:
+            case: The trial.
+            runs: How often the team makes this very run of it.
 
         Raises:
             FormulaError: It has no value in this case.
         """
         sheet = self.rule_set.sheet
-        scopes = self.scopes(case)
+        scopes, findings = self.scopes(case), self.findings(case)
+        cohort = self._cohort(scopes)
+        if runs > 1:
+            pooled = {
+                f"runs.{name}": {
+                    "": runs * sheet.evaluate_in(sheet.terms[TRIAL][name], scopes, findings)[""].value
+                }
+                for name in sheet.pooled
+            }
+            cohort = replace(cohort, values={**cohort.values, **pooled})
         return value_of(
-            self.findings(case),
+            findings,
             scopes,
             sheet,
             self.rule_set.policies,
-            cohort=self._cohort(scopes),
+            cohort=cohort,
             left_open=LeftOpen(counts=self.rule_set.counts, monitors=self.rule_set.monitors),
         )
 

@@ -19,7 +19,7 @@ from ariac_score.review.laws.cases import (
 from ariac_score.scoring.expression import Number, add_up
 from ariac_score.scoring.levels import ALWAYS, TRIAL
 
-__all__ = ["LAWS", "Broken", "Law", "Situation", "simpler"]
+__all__ = ["LAWS", "Broken", "Law", "Situation", "margin_of", "scores_of", "simpler", "without_safety"]
 
 _TOLERANCE = 1e-9
 """Of a score: sums in another order may differ in their last bits, never by this much."""
@@ -82,12 +82,13 @@ class Law:
     broken: Callable[[World, Situation], Broken | None]
 
 
-def _scores(world: World, *cases: Case) -> list[Number]:
+def scores_of(world: World, *cases: Case) -> list[Number]:
     """Scores that are not withheld; these cases have nothing undecided."""
     return [score for case in cases if (score := world.score(case)) is not None]
 
 
-def _margin(*scores: Number) -> float:
+def margin_of(*scores: Number) -> float:
+    """By how much scores may differ and still be one."""
     return _TOLERANCE * max(1.0, *(abs(score) for score in scores))
 
 
@@ -113,13 +114,14 @@ _NO_WORK = "nothing in it earns points, so whoever does nothing always has the m
 _FACTS = "no rule earns points; what it takes from facts of a trial cannot be made up"
 
 
-def _without_safety(world: World) -> str:
+def without_safety(world: World) -> str:
+    """Why laws about violations do not apply; empty where they do."""
     return "" if world.safety else "the score asks about no violation of a monitor"
 
 
 def _without_time(world: World) -> str:
     if not world.safety:
-        return _without_safety(world)
+        return without_safety(world)
     return "" if world.watched else "every safety check is about single events, which have no duration"
 
 
@@ -133,7 +135,7 @@ def _without_points(world: World) -> str:
 
 def _without_work(world: World) -> str:
     if not world.safety:
-        return _without_safety(world)
+        return without_safety(world)
     if not world.earning and not _recorded(world):
         return _FACTS if _from_facts(world) else _NO_WORK
     if not world.earning or set(world.earning) & set(world.measured):
@@ -178,8 +180,8 @@ def _more(world: World, situation: Situation) -> Broken | None:
         return None
     case = situation.case
     after = replace(case, violations=tuple(sorted([*case.violations, extra])))
-    before_score, after_score = _scores(world, case, after)
-    if after_score <= before_score + _margin(before_score, after_score):
+    before_score, after_score = scores_of(world, case, after)
+    if after_score <= before_score + margin_of(before_score, after_score):
         return None
     return Broken("as it is", before_score, f"with one more violation, {extra}", after_score)
 
@@ -200,8 +202,8 @@ def _point(world: World, situation: Situation) -> Broken | None:
     if subject is None or subject not in case.failed:
         return None
     better = replace(case, failed=case.failed - {subject})
-    before, after = _scores(world, case, better)
-    if after >= before - _margin(before, after):
+    before, after = scores_of(world, case, better)
+    if after >= before - margin_of(before, after):
         return None
     return Broken("as it is", before, f"with {subject[0]} satisfied for {subject[1]}", after)
 
@@ -217,8 +219,8 @@ def _waiting(world: World, situation: Situation) -> Broken | None:
     case = situation.case
     if situation.ticks <= 0:
         return None
-    before, after = _scores(world, case, replace(case, duration=case.duration + situation.ticks))
-    if abs(after - before) <= _margin(before, after):
+    before, after = scores_of(world, case, replace(case, duration=case.duration + situation.ticks))
+    if abs(after - before) <= margin_of(before, after):
         return None
     waited = f"after waiting {situation.ticks / TICKS_PER_S:g} s more at the end"
     return Broken(f"after {case.duration / TICKS_PER_S:g} s", before, waited, after)
@@ -247,9 +249,9 @@ def _rate(world: World, situation: Situation) -> Broken | None:
     separate = {(v.check, v.pair) for v in violations}
     if len(separate) < len(violations) or any(v.end - v.start < _SHORTEST for v in violations):
         return None
-    whole, half = _scores(world, case, replace(case, step=2))
+    whole, half = scores_of(world, case, replace(case, step=2))
     allowed = add_up(_second_costs(world, case, each) / TICKS_PER_S for each in violations)
-    if abs(half - whole) <= allowed + _margin(whole, half):
+    if abs(half - whole) <= allowed + margin_of(whole, half):
         return None
     return Broken(f"from {TICKS_PER_S} samples/s", whole, f"from {TICKS_PER_S // 2} samples/s", half)
 
@@ -257,7 +259,7 @@ def _rate(world: World, situation: Situation) -> Broken | None:
 def _second_costs(world: World, case: Case, violation: Violation) -> Number:
     """What one more second of a violation costs where it is the first and only one."""
     short = replace(violation, start=0, end=5)
-    first, second = _scores(
+    first, second = scores_of(
         world,
         replace(case, violations=(short,)),
         replace(case, violations=(replace(short, end=short.end + TICKS_PER_S),)),
@@ -306,9 +308,9 @@ def _nothing(world: World, situation: Situation) -> Broken | None:
     case = situation.case
     clean = replace(case, violations=())
     idle = replace(clean, failed=_undone(world, case))
-    with_violations, without, doing_nothing = _scores(world, case, clean, idle)
-    worth_something = without > doing_nothing + _margin(without, doing_nothing)
-    if not worth_something or with_violations >= doing_nothing - _margin(with_violations, doing_nothing):
+    with_violations, without, doing_nothing = scores_of(world, case, clean, idle)
+    worth_something = without > doing_nothing + margin_of(without, doing_nothing)
+    if not worth_something or with_violations >= doing_nothing - margin_of(with_violations, doing_nothing):
         return None
     return Broken(
         f"as it is ({without:g} without its violations)",
@@ -342,13 +344,13 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
     if len(set(case.orders)) > 1 or any(v.end > _PERIOD // 2 for v in case.violations):
         return None
     counts = range(len(case.orders) + 1)
-    clean = _scores(world, *(_after(world, replace(case, violations=()), n) for n in counts))
+    clean = scores_of(world, *(_after(world, replace(case, violations=()), n) for n in counts))
     gains = [later - sooner for sooner, later in pairwise(clean)]
     if any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains)):
         return None  # the pieces are not alike: the law says nothing about unequal ones
-    scores = _scores(world, *(_after(world, case, n) for n in counts))
+    scores = scores_of(world, *(_after(world, case, n) for n in counts))
     for n, (sooner, later) in enumerate(pairwise(scores)):
-        if later < sooner - _margin(sooner, later):
+        if later < sooner - margin_of(sooner, later):
             return Broken(
                 f"stopping after {n} {level}{'' if n == 1 else 's'}",
                 sooner,
@@ -390,7 +392,7 @@ def _unknown(world: World, situation: Situation) -> Broken | None:
         return None
     hidden = world.score(replace(case, unknown=frozenset({subject})))
     known = world.score(case)
-    if hidden is None or known is None or hidden <= known + _margin(hidden, known):
+    if hidden is None or known is None or hidden <= known + margin_of(hidden, known):
         return None
     return Broken("as it is", known, f"with nothing known of {subject[0]} for {subject[1]}", hidden)
 
@@ -419,8 +421,8 @@ def _pause(world: World, situation: Situation) -> Broken | None:
     whole = replace(case, violations=tuple(sorted([*case.violations, split])))
     parts = [replace(split, end=situation.at), replace(split, start=until)]
     two = replace(case, violations=tuple(sorted([*case.violations, *parts])))
-    before, after = _scores(world, whole, two)
-    if abs(after - before) <= _margin(before, after):
+    before, after = scores_of(world, whole, two)
+    if abs(after - before) <= margin_of(before, after):
         return None
     words = f"with a pause in it from {situation.at / TICKS_PER_S:g} s to {until / TICKS_PER_S:g} s"
     return Broken(f"with {split}", before, words, after)
@@ -431,7 +433,7 @@ LAWS: tuple[Law, ...] = (
         "more_violations",
         "more violations never help",
         "a violation is added, in half of the cases just where it joins two others; the score may not rise",
-        _without_safety,
+        without_safety,
         _draw_more,
         _more,
     ),

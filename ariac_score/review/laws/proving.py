@@ -12,6 +12,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.laws import LAWS, Broken, Law, Situation, simpler
+from ariac_score.review.laws.prices import ALL_LAWS
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["DEFAULT_CASES", "Outcome", "bridged_pauses", "check_laws", "event_checks"]
@@ -68,7 +69,7 @@ def check_laws(
         smallest: Whether a counter-example is reduced, which takes time.
     """
     world = World(rule_set, frozenset(events), bridged)
-    laws = [law for law in LAWS if not only or law.name in only]
+    laws = [law for law in (ALL_LAWS if only else LAWS) if not only or law.name in only]
     return tuple(_tried(law, world, cases, seed, smallest=smallest) for law in laws)
 
 

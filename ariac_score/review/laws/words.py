@@ -9,7 +9,7 @@ from ariac_score.review.laws.proving import Outcome
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.levels import TRIAL
 
-__all__ = ["outcome_lines"]
+__all__ = ["numbers_apart", "outcome_lines", "trial_in_words"]
 
 _VERDICTS = {"holds": "holds", "broken": "BROKEN", "not_applicable": "not applicable", "untried": "not tried"}
 
@@ -29,20 +29,20 @@ def outcome_lines(outcome: Outcome, levels: Sequence[str], known: str = "") -> I
         yield f"    the rule set says so itself: {known}{found}"
     if outcome.broken and outcome.situation:
         broken = outcome.broken
-        yield f"    {_trial(outcome.situation.case, levels)}"
-        first, second = _numbers(broken.first_score, broken.second_score)
+        yield f"    {trial_in_words(outcome.situation.case, levels)}"
+        first, second = numbers_apart(broken.first_score, broken.second_score)
         yield f"    {first}  {broken.first}"
         yield f"    {second}  {broken.second}"
 
 
-def _numbers(first: Number, second: Number) -> tuple[str, str]:
+def numbers_apart(first: Number, second: Number) -> tuple[str, str]:
     """Both with as many digits as it takes to see that they differ."""
     digits = next((d for d in (6, 9, 12) if f"{first:.{d}g}" != f"{second:.{d}g}"), 15)
     return f"{first:>12.{digits}g}", f"{second:>12.{digits}g}"
 
 
-def _trial(case: Case, levels: Sequence[str]) -> str:
-    """A case in a sentence."""
+def trial_in_words(case: Case, levels: Sequence[str]) -> str:
+    """A made trial in a sentence."""
     work = [" and ".join(_count(parts, levels[0]) for parts in tasks) for tasks in case.orders]
     whole = "" if levels[0] == TRIAL else f"{'; '.join(work)}; "
     failed = ", ".join(f"{check} of {subject}" for check, subject in sorted(case.failed))

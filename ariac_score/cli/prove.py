@@ -1,0 +1,137 @@
+"""`ariac-score rules prove NAME`: which laws hold, proven; `verify` proves a certificate again."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from ariac_score.cli.local import add_local_plugins, registry_of
+from ariac_score.cli.notes import counted
+from ariac_score.errors import UsageError
+from ariac_score.review.laws.words import numbers_apart
+from ariac_score.review.proofs.certificate import (
+    Certificate,
+    Law,
+    certificate,
+    certificate_json,
+    compare,
+)
+from ariac_score.review.proofs.proving import DEFAULT_CASES, prove
+from ariac_score.review.proofs.subject import subject_of
+from ariac_score.scoring.extending import path_of_rule_set
+from ariac_score.terminal.output import refuse_inputs, write
+from ariac_score.terminal.style import Style, plain, style_for
+
+__all__ = ["add_prove", "run_prove", "verify_certificate"]
+
+EXIT_REFUTED, EXIT_OPEN = 1, 6
+_WORDS = {"proven": "PROVEN", "refuted": "REFUTED", "open": "OPEN", "not_applicable": "no matter"}
+_LOOKS = {"proven": "green", "refuted": "red", "open": "yellow", "not_applicable": "dim"}
+_WIDTH = 100
+_SHOWN = 3
+"""Steps that are shown; the certificate has them all."""
+
+
+def add_prove(actions: Any) -> None:
+    """Add the action to those of `rules`."""
+    parser = actions.add_parser(
+        "prove",
+        help="prove laws, such as that violations never help, or refute them with an exploit",
+        description="Prove each law for every trial there can be, from the types of the formulas; what types "
+        "do not prove is searched for an exploit, and is open where none is found. Exit code 0: every law is "
+        "proven, or refuted and the rule set says so itself under 'breaks'; 1: a law is refuted and it does "
+        "not; 6: a law is open.",
+    )
+    parser.add_argument("name", metavar="NAME", help="a rule set, a .yaml file, or a penalty")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.json", help="write the certificate")
+    parser.add_argument(
+        "--cases",
+        type=_cases,
+        default=DEFAULT_CASES,
+        metavar="N",
+        help="random trials to search for each law that is not proven (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="the same seed tries the same trials"
+    )
+    add_local_plugins(parser)
+    parser.set_defaults(run=run_prove)
+
+
+def _cases(text: str) -> int:
+    count = int(text)
+    if not 0 <= count <= 10_000:
+        raise argparse.ArgumentTypeError("give a number from 0 to 10000")
+    return count
+
+
+def run_prove(arguments: argparse.Namespace) -> int:
+    """Prove the laws of one rule set, print the table, write the certificate."""
+    registry = registry_of(arguments)
+    subject = subject_of(arguments.name, registry)
+    if arguments.output is not None and not subject.is_penalty:
+        refuse_inputs(arguments.output, path_of_rule_set(arguments.name, Path(), registry))
+    judged = prove(subject, cases=arguments.cases, seed=arguments.seed)
+    made = certificate(subject, judged, cases=arguments.cases, seed=arguments.seed)
+    if arguments.output is not None:
+        write(certificate_json(made), arguments.output)
+    for line in _lines(made, style_for(sys.stdout)):
+        print(line)
+    return _exit_code(made)
+
+
+def _exit_code(made: Certificate) -> int:
+    if any(law.verdict == "refuted" and not law.declared for law in made.laws):
+        return EXIT_REFUTED
+    return EXIT_OPEN if any(law.verdict == "open" for law in made.laws) else 0
+
+
+def _lines(made: Certificate, style: Style) -> Iterator[str]:
+    found = [law.verdict for law in made.laws]
+    tally = ", ".join(f"{found.count(one)} {one}" for one in ("proven", "refuted", "open"))
+    yield f"{style(plain(made.name), 'bold')}: {counted(len(found), 'law')}, {tally}"
+    for law in made.laws:
+        by = f" (by {law.by})" if law.verdict == "proven" else ""
+        yield f"  {style(f'{_WORDS[law.verdict]:<10}', _LOOKS[law.verdict])}{law.says}{by}"
+        for line in _reasons(law):
+            yield f"            {plain(line)}"
+
+
+def _reasons(law: Law) -> Iterator[str]:
+    """What proves a law, how it is exploited, or what is not known."""
+    if law.declared:
+        yield from wrap(f"the rule set says so itself: {law.declared}", _WIDTH)
+    if law.exploit is not None:
+        exploit = law.exploit
+        first, second = numbers_apart(exploit.first_score, exploit.second_score)
+        yield from wrap(exploit.trial, _WIDTH)
+        yield f"{first}  {exploit.first}"
+        yield f"{second}  {exploit.second}"
+        return
+    more = len(law.because) - _SHOWN
+    said = "; ".join([*law.because[:_SHOWN], *([f"and {more} more of the kind"] if more > 0 else [])])
+    yield from wrap(f"not known: {said}" if law.verdict == "open" else said, _WIDTH)
+
+
+def verify_certificate(found: Certificate, arguments: argparse.Namespace) -> int:
+    """Prove everything that a certificate says again, and print in what it differs."""
+    if arguments.log is not None or arguments.adjustments is not None:
+        raise UsageError(
+            "a certificate is about a rule set, not about a log", hint="leave out --log and --adjustments"
+        )
+    style = style_for(sys.stdout)
+    faults = False
+    print(f"{style(plain(arguments.result.name), 'bold')}: certificate of {plain(found.name)}")
+    for one in compare(found, arguments.rules, registry_of(arguments)):
+        faults |= one.is_fault
+        look = "red" if one.is_fault else "yellow"
+        outcome = f"{'failed' if one.is_fault else 'note':<7}"
+        print(f"  {style(outcome, look)}{one.what:<16} {plain(one.words)}")
+    print(
+        style("does not hold", "red") if faults else style("it holds: everything was proven again", "green")
+    )
+    return EXIT_REFUTED if faults else 0

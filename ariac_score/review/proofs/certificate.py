@@ -1,0 +1,196 @@
+"""The certificate of a rule set: what is proven of it, so that anybody can prove it again.
+
+A certificate is checked by proving everything again, from the rule set of the stated hash: nothing in the
+file is believed. What only a solver proved is not checked where none is installed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from ariac_score.checks.registry import Registry
+from ariac_score.documents.schema import strict_json
+from ariac_score.errors import ResultError
+from ariac_score.review.laws.words import trial_in_words
+from ariac_score.review.proofs.proving import Judged, prove
+from ariac_score.review.proofs.subject import Subject, subject_of
+
+__all__ = ["Certificate", "Difference", "Law", "certificate", "certificate_in", "certificate_json", "compare"]
+
+_VERSION = version("ariac-score")
+_SCHEMA = "ariac-score/certificate/1"
+_KIND = _SCHEMA.rpartition("/")[0]
+_MOST_CASES = 10_000
+_LARGEST_BYTES = 1_000_000
+"""A certificate has some thousand characters; what is larger is none."""
+
+
+class Exploit(Struct, frozen=True, forbid_unknown_fields=True):
+    """A counter-example: two ways it can go, and what the engine scores for each."""
+
+    trial: str
+    first: str
+    first_score: float
+    second: str
+    second_score: float
+
+
+class Law(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What is known of one law."""
+
+    law: str
+    says: str
+    verdict: str
+    by: str = ""
+    because: tuple[str, ...] = ()
+    declared: str = ""
+    exploit: Exploit | None = None
+
+
+class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="schema", tag=_SCHEMA):
+    """What is proven of a rule set.
+
+    Attributes:
+        program: Version of this program.
+        name: Of the rule set, or of the penalty on the made competition.
+        sha256: Of the rule set.
+        cases: Random trials that were searched for each law that is not proven.
+        seed: Where their random numbers start.
+        solver: Name and version of the solver; empty where none was installed.
+        laws: Every law.
+    """
+
+    program: str
+    name: str
+    sha256: str
+    cases: int
+    seed: int
+    solver: str
+    laws: tuple[Law, ...]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One point in which a certificate is not what is proven here.
+
+    Attributes:
+        what: A law, or a part of the head.
+        words: What the certificate says, and what holds.
+        is_fault: Whether the certificate is wrong; else it could not be checked, or another version made it.
+    """
+
+    what: str
+    words: str
+    is_fault: bool = True
+
+
+def certificate(
+    subject: Subject, judged: tuple[Judged, ...], *, cases: int, seed: int, solver: str = ""
+) -> Certificate:
+    """The certificate of what was found."""
+    laws = tuple(_law(subject, one) for one in judged)
+    return Certificate(_VERSION, _id(subject), subject.rule_set.sha256, cases, seed, solver, laws)
+
+
+def _id(subject: Subject) -> str:
+    return subject.name if subject.is_penalty else subject.rule_set.id
+
+
+def _law(subject: Subject, one: Judged) -> Law:
+    exploit = None
+    if one.exploit and one.exploit.broken and one.exploit.situation:
+        broken = one.exploit.broken
+        trial = trial_in_words(one.exploit.situation.case, subject.rule_set.sheet.levels)
+        exploit = Exploit(
+            trial, broken.first, _rounded(broken.first_score), broken.second, _rounded(broken.second_score)
+        )
+    return Law(one.law.name, one.law.says, one.verdict, one.by, one.because, one.declared, exploit)
+
+
+def _rounded(score: float) -> float:
+    """With 12 significant digits, in which machines do not differ."""
+    return float(f"{score:.12g}")
+
+
+def certificate_json(made: Certificate) -> str:
+    """As JSON, which is the same for the same certificate."""
+    return json.dumps(msgspec.to_builtins(made), indent=1, ensure_ascii=False) + "\n"
+
+
+def certificate_in(file: Path) -> Certificate | None:
+    """The certificate that a file holds; `None` where it is meant to be something else.
+
+    Raises:
+        ResultError: It is meant to be a certificate, and is none.
+    """
+    if not file.is_file() or file.stat().st_size > _LARGEST_BYTES:
+        return None
+    try:
+        data = strict_json(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(data, dict) or not str(data.get("schema", "")).startswith(_KIND):
+        return None
+    try:
+        found = msgspec.convert(data, Certificate)
+    except msgspec.ValidationError as error:
+        hint = "make it again with 'ariac-score rules prove NAME -o FILE'"
+        raise ResultError(f"it is no sound certificate: {error}", file=file, hint=hint) from None
+    if not 0 <= found.cases <= _MOST_CASES:
+        hint = "make it again with fewer"
+        raise ResultError(f"its {found.cases} cases are not from 0 to {_MOST_CASES}", file=file, hint=hint)
+    return found
+
+
+def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Difference]:
+    """Prove everything again, and say in what the certificate differs.
+
+    Args:
+        found: The certificate.
+        rules: The rule set that it should be of; empty: that which it names.
+        registry: Installed plugins.
+
+    Raises:
+        RuleSetError: There is no such rule set.
+    """
+    subject = subject_of(rules or found.name, registry)
+    if _id(subject) != found.name or subject.rule_set.sha256 != found.sha256:
+        yield Difference("rule set", _another(found, subject))
+        return
+    if found.program != _VERSION:
+        yield Difference("program", f"made by version {found.program}, checked by {_VERSION}", is_fault=False)
+    here = certificate(
+        subject, prove(subject, cases=found.cases, seed=found.seed), cases=found.cases, seed=found.seed
+    )
+    proven = {law.law: law for law in here.laws}
+    for law in found.laws:
+        other = proven.pop(law.law, None)
+        if other is None:
+            yield Difference(law.law, "there is no such law")
+        elif law != other:
+            yield Difference(law.law, _differing(law, other))
+    for name in proven:
+        yield Difference(name, "the certificate leaves it out")
+
+
+def _another(found: Certificate, subject: Subject) -> str:
+    if _id(subject) != found.name:
+        return f"the certificate is of {found.name!r}, not of {_id(subject)!r}"
+    return (
+        f"the certificate is of another text of {found.name!r}: "
+        f"SHA-256 {found.sha256[:12]}…, and the one here has {subject.rule_set.sha256[:12]}…"
+    )
+
+
+def _differing(law: Law, other: Law) -> str:
+    if law.verdict != other.verdict:
+        return f"the certificate says {law.verdict}; proven again it is {other.verdict}"
+    named = [name for name, value in msgspec.structs.asdict(law).items() if value != getattr(other, name)]
+    return f"{law.verdict}, but for another reason: {', '.join(named)} differ"

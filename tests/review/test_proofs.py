@@ -1,0 +1,305 @@
+"""Laws proven by types: the rules of the calculus, certificates, and what is not proven."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from ariac_score.checks.registry import Registry
+from ariac_score.cli import main
+from ariac_score.review.laws.laws import LAWS
+from ariac_score.review.laws.prices import ALL_LAWS, PRICE_LAWS
+from ariac_score.review.laws.reference import DEFAULT
+from ariac_score.review.proofs.by_types import BY_TYPES
+from ariac_score.review.proofs.grades import Grades
+from ariac_score.review.proofs.proving import prove
+from ariac_score.review.proofs.quantities import Quantity
+from ariac_score.review.proofs.subject import Subject, subject_of
+from ariac_score.review.proofs.tree import Known, Node, Op, Taken
+from ariac_score.scoring.signs import Sign
+
+REGISTRY = Registry()
+RULES = """\
+id: made
+title: Made
+source: a test
+log_map: ariac2020
+competition: {use: ariac}
+rules:
+  part_color: {use: kitting.presence, with: {compare: type_and_color}}
+monitors:
+  separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed}}
+  dropped: {use: ariac.no_event, with: {kind: part_dropped}}
+terms:
+  submission: {kit: points(part_color)}
+  trial: {earned: sum(submission.kit)}
+score: SCORE
+"""
+
+
+def made(folder: Path, score: str) -> Subject:
+    """A rule set that gives a point for each part, under some formula."""
+    file = folder / "made.yaml"
+    file.write_text(RULES.replace("SCORE", score), encoding="utf-8")
+    return subject_of(str(file), REGISTRY)
+
+
+def verdicts(subject: Subject, *, cases: int = 0) -> dict[str, str]:
+    return {one.law.name: one.verdict for one in prove(subject, cases=cases)}
+
+
+# Types of trees ------------------------------------------------------------------------
+
+X = Taken(Quantity("x", "violations", 0, math.inf, smooth=True))
+FREE = Taken(Quantity("free", "task", -math.inf, math.inf))
+WORTH = Taken(Quantity("worth", "task", 0, math.inf))
+
+
+def over(node: Node) -> Node:
+    """1 / (1 + what it is)."""
+    return Op("/", (Known(1), Op("+", (Known(1), node))))
+
+
+@pytest.mark.parametrize(
+    ("tree", "sign", "strict", "jumps"),
+    [
+        (Op("+", (X, Known(3))), Sign.UP, True, False),
+        (Op("*", (Known(-2), X)), Sign.DOWN, True, False),
+        (over(X), Sign.DOWN, True, False),
+        # 0 points stay 0 points: strict only where the score is not 0.
+        (Op("*", (WORTH, over(X))), Sign.DOWN, False, False),
+        # Points that may be negative are helped by a divisor.
+        (Op("*", (FREE, over(X))), Sign.BOTH, False, False),
+        (Op("**", (Known(0.5), X)), Sign.DOWN, True, False),
+        (Op("**", (Known(1), X)), Sign.NONE, False, False),
+        (Op("min", (X, Known(1))), Sign.UP, False, False),
+        (Op("clip", (X, Known(0), Known(1))), Sign.UP, False, False),
+        (Op("floor", (X,)), Sign.UP, False, True),
+        (Op("ramp", (Known(1), Known(0), Known(10), Known(2), X)), Sign.DOWN, False, False),
+        (Op("ramp", (Known(1), Known(0), Known(10), Known(10), X)), Sign.DOWN, False, True),
+        (Op("<", (Known(10), X)), Sign.UP, False, True),
+        # A step down is one: 10 until 5 s, nothing from then on.
+        (Op("if", (Op("<", (X, Known(5))), Known(10), Known(0))), Sign.DOWN, False, True),
+        # A rescue: beyond 5 nothing more is taken off.
+        (
+            Op("if", (Op("<", (Known(5), X)), Known(0), Op("+", (Known(10), Op("*", (Known(-3), X)))))),
+            Sign.BOTH,
+            False,
+            True,
+        ),
+        # Without a rescue: until 3 at least 4 is left, and 0 is less.
+        (
+            Op("if", (Op("<", (Known(3), X)), Known(0), Op("+", (Known(10), Op("*", (Known(-2), X)))))),
+            Sign.DOWN,
+            False,
+            True,
+        ),
+        (Op("+", (X, Op("*", (Known(-1), X)))), Sign.BOTH, False, False),
+    ],
+)
+def test_types_of_formulas(tree: Node, sign: Sign, strict: bool, jumps: bool) -> None:
+    grade = Grades().of(tree)
+
+    assert grade.sign("x") is sign
+    assert ("x" in grade.strict, "x" in grade.jumps) == (strict, jumps)
+
+
+def test_what_is_left_of_points_falls_strictly() -> None:
+    assert "x" in Grades(nonzero=True).of(Op("*", (WORTH, over(X)))).strict
+
+
+@pytest.mark.parametrize(
+    ("tree", "steepest"),
+    [
+        (Op("*", (Known(-2), X)), 2.0),
+        (over(X), 1.0),  # 1 / (1 + x) is steepest at x = 0
+        (Op("**", (Known(0.5), X)), math.log(2)),
+        (Op("ramp", (Known(6), Known(0), Known(10), Known(7), X)), 2.0),
+        (Op("min", (X, Op("*", (Known(3), X)))), 3.0),
+    ],
+)
+def test_how_steep_a_formula_is_at_most(tree: Node, steepest: float) -> None:
+    assert Grades().of(tree).steep["x"] == pytest.approx(steepest)
+
+
+# Laws ----------------------------------------------------------------------------------
+
+
+def test_every_law_is_judged_once() -> None:
+    assert set(BY_TYPES) == {law.name for law in ALL_LAWS}
+    assert len(ALL_LAWS) == len(LAWS) + len(PRICE_LAWS)
+
+
+@pytest.mark.parametrize(
+    ("score", "proven"),
+    [
+        ("earned / (1 + seconds(separation))", {"more_violations", "no_cliff", "stopping_early", "waiting"}),
+        ("earned / (1 + count(separation))", {"stopping_early", "waiting", "short_pause"}),
+        ("earned / (1 + count(dropped))", {"more_violations", "always_costs", "stopping_early", "waiting"}),
+        ("earned - 2 * seconds(separation)", {"more_violations", "no_cliff", "waiting"}),
+        ("earned * max(0, 1 - seconds(separation) / trial.duration_s)", {"more_points"}),
+        ("earned * product(dropped, p=0.5)", {"more_violations", "always_costs", "waiting"}),
+        ("earned * (1 - violated(dropped))", {"more_violations", "waiting"}),
+        ("earned * gate(separation)", {"more_violations", "short_pause"}),
+        ("earned / (1 + floor(seconds(separation)))", {"more_violations", "more_points"}),
+    ],
+)
+def test_types_prove_laws(score: str, proven: set[str], tmp_path: Path) -> None:
+    found = verdicts(made(tmp_path, score))
+
+    assert proven <= {law for law, verdict in found.items() if verdict == "proven"}
+
+
+@pytest.mark.parametrize(
+    ("score", "law"),
+    [
+        ("earned / (1 + count(separation))", "more_violations"),  # joining two makes one
+        ("earned + seconds(separation)", "more_violations"),
+        ("earned / (1 + min(1, seconds(separation)))", "always_costs"),
+        ("earned / (1 + seconds(separation))", "severity"),
+        ("earned / (1 + floor(seconds(separation)))", "no_cliff"),
+        ("earned / (1 + occurrences(separation))", "log_rate"),
+        ("earned * max(0, 1 - seconds(separation) / trial.duration_s)", "waiting"),
+        ("earned * product(dropped, p=0.5)", "stopping_early"),
+        ("earned - 2 * count(dropped)", "doing_nothing"),
+        ("5 * holds(dropped) + earned", "stopping_early"),
+        ("holds(dropped) * (5 + earned)", "stopping_early"),
+        ("earned / (1 + seconds(separation))", "short_pause"),
+        ("3 - earned", "more_points"),
+    ],
+)
+def test_what_does_not_hold_is_not_proven(score: str, law: str, tmp_path: Path) -> None:
+    assert verdicts(made(tmp_path, score))[law] == "open"  # no search here, so no exploit either
+
+
+def test_the_default_charges_for_running_again_and_not_for_depth() -> None:
+    found = verdicts(subject_of(DEFAULT, REGISTRY), cases=3)
+
+    assert found["more_violations"] == "proven"
+    assert found["running_again"] == "refuted"  # demerits are added up over runs
+    assert found["severity"] == "refuted"  # time is charged, and not depth
+
+
+@pytest.mark.slow  # reduced from a random trial, step by step
+def test_an_exploit_is_priced_by_the_engine_and_as_small_as_can_be(tmp_path: Path) -> None:
+    subject = made(tmp_path, "earned / (1 + count(dropped) - seconds(separation) / 100)")
+
+    refuted = next(one for one in prove(subject, cases=60) if one.law.name == "more_violations")
+
+    assert refuted.verdict == "refuted"
+    assert refuted.exploit is not None
+    assert refuted.exploit.broken is not None
+    # One part, one point; then the shortest violation there is, of 0.1 s.
+    assert refuted.exploit.broken.first_score == 1
+    assert refuted.exploit.broken.second_score == pytest.approx(1 / (1 - 0.1 / 100))
+
+
+def test_a_term_outside_the_calculus_is_named(tmp_path: Path) -> None:
+    subject = made(tmp_path, "earned * (1 - seconds(separation)) ** 2")
+    open_ = next(one for one in prove(subject, cases=0) if one.law.name == "more_violations")
+
+    # 1 - t is below 0 for long violations, and its square grows again.
+    assert open_.because == (
+        "seconds(separation) may move '(1 + -1 * seconds(separation)) ** 2' in the term 'score' either way",
+    )
+
+
+# The command and its certificate -------------------------------------------------------
+
+
+def certificate(folder: Path, score: str = "earned / (1 + count(dropped))") -> tuple[Path, Path]:
+    rules, file = folder / "made.yaml", folder / "certificate.json"
+    rules.write_text(RULES.replace("SCORE", score), encoding="utf-8")
+    main(["rules", "prove", str(rules), "--cases", "0", "-o", str(file)])
+    return rules, file
+
+
+def test_a_certificate_is_proven_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules, file = certificate(tmp_path)
+
+    assert main(["verify", str(file), "--rules", str(rules)]) == 0
+    assert "everything was proven again" in capsys.readouterr().out
+
+
+def test_a_certificate_of_another_rule_set_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, file = certificate(tmp_path)
+
+    assert main(["verify", str(file), "--rules", "safety"]) == 1
+    assert "the certificate is of 'made', not of 'safety'" in capsys.readouterr().out
+
+
+def test_a_certificate_of_another_text_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules, file = certificate(tmp_path)
+    rules.write_text(rules.read_text(encoding="utf-8").replace("1 + count", "2 + count"), encoding="utf-8")
+
+    assert main(["verify", str(file), "--rules", str(rules)]) == 1
+    assert "another text of 'made'" in capsys.readouterr().out
+
+
+def test_a_forged_verdict_does_not_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rules, file = certificate(tmp_path, "earned / (1 + count(separation))")
+    data = json.loads(file.read_text(encoding="utf-8"))
+    forged = next(law for law in data["laws"] if law["law"] == "more_violations")
+    assert forged["verdict"] != "proven"
+    forged["verdict"] = "proven"
+    file.write_text(json.dumps(data), encoding="utf-8")
+
+    assert main(["verify", str(file), "--rules", str(rules)]) == 1
+    assert "the certificate says proven; proven again it is" in capsys.readouterr().out
+
+
+def test_a_law_that_a_certificate_leaves_out_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules, file = certificate(tmp_path)
+    data = json.loads(file.read_text(encoding="utf-8"))
+    data["laws"] = data["laws"][1:]
+    file.write_text(json.dumps(data), encoding="utf-8")
+
+    assert main(["verify", str(file), "--rules", str(rules)]) == 1
+    assert "the certificate leaves it out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        ({"laws": 3}, "no sound certificate"),
+        ({"cases": 10**9}, "are not from 0 to"),
+        ({"more": 1}, "no sound certificate"),
+    ],
+)
+def test_a_broken_certificate_is_refused(
+    broken: dict[str, object], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, file = certificate(tmp_path)
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")) | broken), encoding="utf-8")
+
+    assert main(["verify", str(file)]) == 6
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("score", "cases", "code"),
+    [
+        ("floor(earned)", "0", 0),
+        ("earned / (1 + violated(separation))", "3", 1),
+        ("earned / (1 + seconds(separation))", "0", 6),
+    ],
+)
+def test_exit_codes(score: str, cases: str, code: int, tmp_path: Path) -> None:
+    rules = tmp_path / "made.yaml"
+    rules.write_text(RULES.replace("SCORE", score), encoding="utf-8")
+
+    assert main(["rules", "prove", str(rules), "--cases", cases]) == code
+
+
+def test_a_certificate_is_not_held_against_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, file = certificate(tmp_path)
+
+    assert main(["verify", str(file), "--log", str(tmp_path)]) == 4
+    assert "about a rule set, not about a log" in capsys.readouterr().err
