@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
+from ariac_score.cli.notes import APART
 
 ON_THEIR_RECORDING = [
     # A world of its own: on any other trial its robot goes nowhere.
@@ -36,6 +37,13 @@ CHECKS = [
 ]
 
 
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guests behave: no plugin needs a process of its own, which takes longer than its checks."""
+    monkeypatch.setenv(APART, "1")
+
+
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(("plugin", "file"), ON_THEIR_RECORDING)
 def test_a_plugin_of_a_guest_keeps_its_contract_on_its_recording(
     plugin: str, file: str, guests: Path, capsys: pytest.CaptureFixture[str]
@@ -43,7 +51,7 @@ def test_a_plugin_of_a_guest_keeps_its_contract_on_its_recording(
     assert main(["plugins", "check", plugin, "--trial", str(guests / file)]) == 0, capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("guests")
+@pytest.mark.usefixtures("guests", "in_this_process")
 @pytest.mark.parametrize("check", CHECKS)
 def test_a_check_of_a_guest_keeps_its_contract(check: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["plugins", "check", check])
