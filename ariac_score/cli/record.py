@@ -155,7 +155,7 @@ def qos_overrides(recording: Recording) -> str:
     Args:
         recording: What to record.
     """
-    kept = {topic: "keep_last, depth: 10" for topic in recording.latched}
+    kept = dict.fromkeys(recording.latched, "keep_last, depth: 10")
     kept |= {"/tf_static": "keep_all", "/rosout": "keep_last, depth: 1000"}
     kept = {topic: how for topic, how in kept.items() if topic in recording.topics}
     kept |= {"/ariac_score/manifest": "keep_last, depth: 2"}

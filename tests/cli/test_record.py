@@ -97,7 +97,7 @@ def test_the_plan_is_written_beside_the_recording(tmp_path: Path, capsys: Captur
 def test_topics_that_are_sent_once_are_asked_for_as_their_publishers_offer_them(
     tmp_path: Path, capsys: Capture
 ) -> None:
-    """Recording.md, section 6.2: a recorder that subscribes first would ask for less and miss what was sent."""
+    """Recording.md, section 6.2: who subscribes first asks for less, and misses what was sent."""
     said(capsys, "--rules", "ariac2024.release_3", "-o", str(tmp_path / "trial"))
     asked = load_yaml(tmp_path / "trial.qos.yaml").data
     latched = {"/ariac/trial_config", "/ariac/environment_ready", "/tf_static", "/rosout"}
