@@ -20,6 +20,7 @@ from ariac_score_ariac.agreement import is_announced, refuse_other_orders
 from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
 from ariac_score_ariac.stock.console import CONSOLE, Said
 from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
+from ariac_score_ariac.stock.score_steps import ScoreSeen
 from ariac_score_ariac.stock.settling import Stock, stock_of
 from ariac_score_ariac.work import (
     FaultyProducts,
@@ -34,7 +35,7 @@ from ariac_score_ariac.work import (
     submissions_of,
 )
 
-_READ_OFF = (Said, RunStatus, HighPriority, ServiceCall)
+_READ_OFF = (Said, ScoreSeen, RunStatus, HighPriority, ServiceCall)
 """Records of which all that matters is joined: neither checks nor results need them."""
 _SAME_SUBMISSION_S = 2.0
 """A recorder and the simulator stamp one submission at most so far apart: a call waits, a kit is checked."""

@@ -29,6 +29,7 @@ _COMPLETE = re.compile(
     r"(?:\[INFO\] )?(?:Order complete"
     r"|All (?P<kinds>kitting|assembly|kitting and assembly) shipments submitted for order): (?P<order>\S+)"
 )
+_OUT_OF_TIME = re.compile(r"(?:\[INFO\] )?Order timed out: (?P<order>\S+)")
 _CONTACT = re.compile(r"arm/arm contact detected: (?P<names>.+)")
 
 _LONGEST_WAIT_S = 2.0
@@ -43,25 +44,24 @@ class Delivery:
         t_s: When it was handed in, s of trial time.
         agv: On which AGV; empty for the drone.
         shipment: As what it was handed in; empty where the simulator does not print it.
-        station: Where it was sent; empty where it goes to no station.
-        maybe_none: Whether an AGV that moves without handing in anything prints the same.
+        station: Where it was sent; empty where it goes to no station. An AGV that goes to a station without
+            handing in anything prints the same.
     """
 
     t_s: float
     agv: str = ""
     shipment: str = ""
     station: str = ""
-    maybe_none: bool = False
 
 
 @dataclass(frozen=True)
 class Completion:
-    """The last shipment of an order, or of one kind of its shipments, was handed in.
+    """The last shipment of an order was handed in, or the order is out of time.
 
     Attributes:
         t_s: When, s of trial time.
         order: Its id.
-        kinds: Which kinds of shipments are meant.
+        kinds: Which kinds of shipments it has; none of an order that is out of time.
     """
 
     t_s: float
@@ -86,17 +86,21 @@ def deliveries_said(said: Sequence[Said]) -> list[Delivery]:
                 first = waiting.pop(0)
                 left.append(Delivery(t_s, first.agv, first.shipment))
         elif moved := _TO_STATION_2021.match(text) or _TO_STATION_2022.match(text):
-            left.append(Delivery(t_s, moved["agv"], station=moved["station"], maybe_none=True))
+            left.append(Delivery(t_s, moved["agv"], station=moved["station"]))
     return left
 
 
 def completions_said(said: Sequence[Said]) -> list[Completion]:
-    """The orders that were complete, by the lines of the console, in order of time."""
-    found = [(t_s, match) for t_s, line in lines_said(said) if (match := _COMPLETE.match(line.strip()))]
-    return [
-        Completion(t_s, match["order"], tuple((match["kinds"] or "kitting").split(" and ")))
-        for t_s, match in found
-    ]
+    """The orders that were complete or out of time, by the lines of the console, in order of time."""
+    found: list[Completion] = []
+    for t_s, line in lines_said(said):
+        text = line.strip()
+        if complete := _COMPLETE.match(text):
+            kinds = tuple((complete["kinds"] or "kitting").split(" and "))
+            found.append(Completion(t_s, complete["order"], kinds))
+        elif late := _OUT_OF_TIME.match(text):
+            found.append(Completion(t_s, late["order"], ()))
+    return found
 
 
 def arm_contacts_said(said: Sequence[Said]) -> Iterator[tuple[float, str]]:

@@ -1,34 +1,29 @@
 """Which shipments the kits were that left on AGVs, where the simulator prints the AGV alone.
 
 A way to name the deliveries is possible where it agrees with all that is recorded: announcements, the lines
-that orders are complete, and what the final score prints of each shipment. What all possible ways have in
-common is a fact; what they differ in is open.
+that orders are complete, the steps of the score, and what the final score prints of each shipment. What all
+possible ways have in common is a fact; what they differ in is open.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from ariac_score import LogDefect
-from ariac_score_ariac.stock.deliveries import Completion, Delivery
+from ariac_score_ariac.stock.assemblies import named_assemblies
+from ariac_score_ariac.stock.deliveries import Delivery
+from ariac_score_ariac.stock.evidence import Evidence
+from ariac_score_ariac.stock.stack import AT_ONCE_S, OrderStack
+from ariac_score_ariac.stock.ways import Way, Ways
 from ariac_score_ariac.work import Kit, KitSubmission, OpenTasks, Order, Task
 
-__all__ = ["Named", "Printed", "named_deliveries"]
+__all__ = ["Named", "named_submissions"]
 
-_AT_ONCE_S = 0.2
-"""An order is complete one step after its last kit was handed in; both are printed at once."""
 _UNFINISHED = "the recording stops before the end of the competition"
 _UNNAMED = "kits left, and the simulator does not print as which shipment"
 _ASSEMBLY = "the simulator prints nothing when an assembly is handed in"
-
-
-_MOST_WAYS = 20_000
-"""Steps of the search; beyond them all is open."""
-
-Printed = Mapping[str, Mapping[str, str]]
-"""What the final score prints of each shipment, by label."""
 
 
 @dataclass(frozen=True)
@@ -46,125 +41,174 @@ class Named:
     defects: tuple[LogDefect, ...] = field(default=())
 
 
-def named_deliveries(
-    deliveries: Sequence[Delivery],
-    completions: Sequence[Completion],
-    orders: Sequence[Order],
-    *,
-    printed: Printed | None,
-    kits: Sequence[Kit | None],
-    ended: bool,
-) -> Named:
-    """The kits that left, with their shipments.
+def named_submissions(deliveries: Sequence[Delivery], orders: Sequence[Order], evidence: Evidence) -> Named:
+    """What was handed in, with its shipments.
 
     Args:
-        deliveries: In order of time.
-        completions: Of orders, in order of time.
+        deliveries: The kits that left, in order of time.
         orders: Of the trial.
-        printed: Of the shipments that were submitted; `None` where no final score is printed.
-        kits: What lay on the AGV of each delivery, where that is recorded.
-        ended: Whether the recording goes on until the end of the competition.
+        evidence: What else is recorded.
     """
+    unnamed = [delivery for delivery in deliveries if not delivery.shipment]
+    found = _Kits(unnamed, orders, evidence)
     certain = [_submission(d, d.shipment) for d in deliveries if d.shipment]
-    unnamed = [(d, kit) for d, kit in zip(deliveries, kits, strict=True) if not d.shipment]
-    found = _Ways(unnamed, completions, orders, printed)
-    known = sorted([*certain, *found.submissions()], key=lambda s: s.submitted_s)
+    known = [*certain, *found.submissions()]
+    kits_left = set(evidence.printed or ()) - {s.item_id for s in known}
+    known += named_assemblies(orders, evidence, deliveries, kits_left)
     claimed = {s.item_id for s in known}
     why: dict[str, str] = {}
-    for task in (task for order in orders for task in order.tasks):
-        if task.id in claimed:
-            continue
+    for task in (task for order in orders for task in order.tasks if task.id not in claimed):
         if task.kind == "assembly":
-            if printed is None or task.id in printed:
+            if evidence.printed is None or task.id in evidence.printed:
                 why[task.id] = _ASSEMBLY
         elif task.id in found.possible():
             why[task.id] = _UNNAMED
-        elif not ended:
+        elif evidence.ended_s is None:
             why[task.id] = _UNFINISHED
     reasons = sorted(set(why.values()))
     opened = [OpenTasks(frozenset(t for t in why if why[t] == reason), reason) for reason in reasons]
     left_over = len(unnamed) - len(found.submissions())
     message = "kits left, and nothing recorded says as which shipment"
     defects = (LogDefect("unnamed_submission", "/rosout", left_over, message),) if left_over else ()
-    return Named(tuple(known), tuple(opened), defects)
+    return Named(tuple(sorted(known, key=lambda s: s.submitted_s)), tuple(opened), defects)
 
 
 def _submission(delivery: Delivery, shipment: str) -> KitSubmission:
     return KitSubmission(shipment, delivery.t_s, agv=delivery.agv, station=delivery.station)
 
 
-class _Ways:
-    """The ways to name deliveries that agree with what is recorded."""
+class _Kits:
+    """The kits that left without a name, and what they can have been."""
 
-    def __init__(
-        self,
-        deliveries: Sequence[tuple[Delivery, Kit | None]],
-        completions: Sequence[Completion],
-        orders: Sequence[Order],
-        printed: Printed | None,
-    ) -> None:
-        self._deliveries = [delivery for delivery, _ in deliveries]
-        kits = {task.id: (order, task) for order in orders for task in order.tasks if task.kind == "kitting"}
-        complete = {c.order: c.t_s for c in completions if "kitting" in c.kinds}
-        sure = {name for name, (order, _) in kits.items() if order.id in complete or name in (printed or ())}
-        candidates = {
-            name: [
-                i
-                for i, (delivery, kit) in enumerate(deliveries)
-                if _possible(delivery, order, task, complete, printed)
-                and (printed is None or _agrees(delivery, kit, task, printed.get(name, {})))
-            ]
-            for name, (order, task) in kits.items()
+    def __init__(self, deliveries: Sequence[Delivery], orders: Sequence[Order], evidence: Evidence) -> None:
+        self._deliveries, self._evidence = deliveries, evidence
+        self._stack = OrderStack(orders, evidence.completions, evidence.ended_s)
+        self._kits = {
+            task.id: (order, task) for order in orders for task in order.tasks if task.kind == "kitting"
         }
-        self._last = [
-            ({name for name, (order, _) in kits.items() if order.id == order_id}, t_s)
-            for order_id, t_s in complete.items()
-        ]
-        self._places = self._of_all_ways(sorted(sure), candidates)
-        self._maybe = {name for name in kits if name not in sure and candidates[name]}
-
-    def _of_all_ways(
-        self, sure: Sequence[str], candidates: Mapping[str, Sequence[int]]
-    ) -> dict[str, set[int]] | None:
-        """For each kit that was surely handed in its possible deliveries; `None`: too many ways."""
-        places: dict[str, set[int]] = {name: set() for name in sure}
-        steps = 0
-        pending: list[dict[str, int]] = [{}]
-        while pending:
-            way = pending.pop()
-            steps += 1
-            if steps > _MOST_WAYS:
-                return None
-            if len(way) == len(sure):
-                if self._is_complete_in_time(way):
-                    for name, i in way.items():
-                        places[name].add(i)
-                continue
-            name = sure[len(way)]
-            pending += [{**way, name: i} for i in candidates[name] if i not in way.values()]
-        return places
-
-    def _is_complete_in_time(self, way: Mapping[str, int]) -> bool:
-        """Whether each order is complete in it just when its completion was printed."""
-        for kits, t_s in self._last:
-            times = [self._deliveries[way[name]].t_s for name in kits if name in way]
-            if times and not 0 <= t_s - max(times) <= _AT_ONCE_S:
-                return False
-        return True
+        # An assembly leaves no line of its own; it may be behind a step as well as the kit that left then.
+        self._alone = not any(task.kind == "assembly" for order in orders for task in order.tasks)
+        self._first = next((order.id for order in orders), "")
+        self._worths = [self._worth(delivery) for delivery in deliveries]
+        counted = {i for i, worth in enumerate(self._worths) if worth is not None and worth[0] > 0}
+        candidates = {
+            name: [i for i in range(len(deliveries)) if self._may_be(i, order, task)]
+            for name, (order, task) in self._kits.items()
+        }
+        sure = {name for name in self._kits if self._was_handed_in(name)}
+        self._maybe = {name for name in self._kits if name not in sure and candidates[name]}
+        # Only what raised the score must have been one of those that are not known to be handed in.
+        tried = {
+            name: candidates[name] for name in self._kits if name in sure or counted & {*candidates[name]}
+        }
+        alike = {name: self._sameness(name) for name in tried}
+        self._places = Ways(tried, self._maybe, counted, alike, self._is_complete_in_time).places()
 
     def submissions(self) -> list[KitSubmission]:
         """What all possible ways have in common."""
-        sure = [(next(iter(i)), name) for name, i in (self._places or {}).items() if len(i) == 1]
-        return [_submission(self._deliveries[i], name) for i, name in sorted(sure)]
+        sure = [
+            (i, name) for name, places in (self._places or {}).items() for i in places if len(places) == 1
+        ]
+        return [_submission(self._deliveries[i], name) for i, name in sorted(_seen(sure))]
 
     def possible(self) -> set[str]:
         """Kits that a delivery without a name may have been."""
         named = {s.item_id for s in self.submissions()}
-        taken = {i for places in (self._places or {}).values() if len(places) == 1 for i in places}
         # Every delivery is named: what is left was not handed in.
-        if self._places is not None and len(taken) == len(self._deliveries):
+        if self._places is not None and len(named) == len(self._deliveries):
             return set()
-        return ({*(self._places or {})} | self._maybe) - named if self._deliveries or self._places else set()
+        never = {name for name, places in (self._places or {}).items() if places == {None}}
+        sure = {name for name in self._kits if self._was_handed_in(name)}
+        return (sure | self._maybe) - named - never
+
+    def _was_handed_in(self, name: str) -> bool:
+        complete = self._stack.complete.get(self._kits[name][0].id)
+        return (complete is not None and "kitting" in complete.kinds) or name in (
+            self._evidence.printed or ()
+        )
+
+    def _worth(self, delivery: Delivery) -> tuple[float, float] | None:
+        if self._evidence.steps is None:
+            return None
+        others_s = [other.t_s for other in self._deliveries if other is not delivery]
+        worth = self._evidence.steps.worth(delivery.t_s, others_s)
+        return worth if worth is None or self._alone else (0.0, worth[1])
+
+    def _may_be(self, i: int, order: Order, task: Task) -> bool:
+        """Whether a delivery may have been a kit, by itself."""
+        delivery, printed = self._deliveries[i], self._evidence.printed
+        if order.announced_s is not None and delivery.t_s < order.announced_s:
+            return False
+        if printed is not None and task.id not in printed:
+            return False
+        only = [other.kind for other in order.tasks] == ["kitting"]
+        if only and order.id not in self._stack.complete and self._stack.would_print(order, delivery.t_s):
+            return False
+        kit = self._evidence.seen(delivery.agv, delivery.t_s)
+        if printed is not None and not _agrees(delivery, kit, task, printed[task.id]):
+            return False
+        least, most = self._points(delivery, kit, task)
+        said = self._evidence.completion(task.id)
+        if said is not None:
+            if not least <= said <= most:
+                return False
+            least = most = said
+        worth, factors = self._worths[i], self._factors(order, task)
+        return worth is None or (worth[0] <= most * factors[1] and least * factors[0] <= worth[1])
+
+    def _factors(self, order: Order, task: Task) -> tuple[float, float]:
+        """Least and most times that an order counts."""
+        if task.station:  # from 2021 on orders have a priority, which no message says
+            return 1.0, float(max(3, order.priority))
+        return (1.0, 1.0) if order.id == self._first else (3.0, 3.0)
+
+    def _points(self, delivery: Delivery, kit: Kit | None, task: Task) -> tuple[float, float]:
+        """Least and most points of a delivery, had it been a kit, as the scorers from 2019 on count."""
+        if task.agv not in ("any", delivery.agv) or task.station not in ("", delivery.station):
+            return 0.0, 0.0
+        if kit is None:
+            return 0.0, float("inf")
+        wanted = Counter(product.type for product in task.products)
+        sound = (_types(kit, faulty=False) & wanted).total()
+        exact = (_types(kit, faulty=True) & wanted).total()
+        typed = (_uncoloured(_types(kit, faulty=True)) & _uncoloured(wanted)).total()
+        # A wrong colour in a right place counts up to once for every exact type delivered.
+        placed = exact + (typed - exact) * max(exact, 1)
+        bonus = len(task.products) if exact == len(task.products) else 0
+        return sound, typed + exact + placed + bonus
+
+    def _is_complete_in_time(self, way: Way) -> bool:
+        """Whether each order is complete in it when its completion was printed."""
+        for order in {self._kits[name][0].id: self._kits[name][0] for name in way}.values():
+            ending = self._stack.complete.get(order.id)
+            if ending is None or "kitting" not in ending.kinds:
+                continue
+            places = [way[task.id] for task in order.tasks if task.id in way]
+            times = [self._deliveries[i].t_s for i in places if i is not None]
+            waits = "assembly" in ending.kinds or self._stack.may_be_late(order)
+            most_s = float("inf") if waits else AT_ONCE_S
+            if times and not 0 <= ending.t_s - max(times) <= most_s:
+                return False
+        return True
+
+    def _sameness(self, name: str) -> Hashable:
+        """What is the same of kits that no score tells from each other."""
+        order, task = self._kits[name]
+        products = tuple(sorted(repr(replace(product, slot="")) for product in task.products))
+        printed = sorted((self._evidence.printed or {}).get(name, {}).items())
+        return (
+            order.id,
+            task.agv,
+            task.station,
+            repr(task.tray),
+            products,
+            tuple(printed),
+            name in self._maybe,
+        )
+
+
+def _seen(places: Sequence[tuple[int | None, str]]) -> list[tuple[int, str]]:
+    return [(i, name) for i, name in places if i is not None]
 
 
 def _agrees(delivery: Delivery, kit: Kit | None, task: Task, printed: Mapping[str, str]) -> bool:
@@ -184,27 +228,16 @@ def _agrees(delivery: Delivery, kit: Kit | None, task: Task, printed: Mapping[st
 
 def _right(kit: Kit, task: Task) -> int:
     """How many of the ordered products lie there: the scorers of 2019 to 2021 count them by exact type."""
-    wanted = Counter(product.type for product in task.products)
-    found = Counter(product.type.rpartition(":")[2] for product in kit.contents if not product.faulty)
-    return (wanted & found).total()
+    return (Counter(product.type for product in task.products) & _types(kit, faulty=False)).total()
 
 
-def _possible(
-    delivery: Delivery,
-    order: Order,
-    task: Task,
-    complete: Collection[str],
-    printed: Printed | None,
-) -> bool:
-    """Whether a delivery may have been a kit: announced by then, and not known to be never handed in."""
-    if order.announced_s is not None and delivery.t_s < order.announced_s:
-        return False
-    if printed is not None and task.id not in printed:
-        return False
-    # Its only kit, and the order was never complete.
-    return not (_alone(order.tasks) and order.id not in complete)
+def _types(kit: Kit, *, faulty: bool) -> Counter[str]:
+    """The types of products, with or without faulty ones."""
+    return Counter(p.type.rpartition(":")[2] for p in kit.contents if faulty or not p.faulty)
 
 
-def _alone(tasks: Iterable[Task]) -> bool:
-    kinds = [task.kind for task in tasks]
-    return kinds == ["kitting"]
+def _uncoloured(types: Counter[str]) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for name, count in types.items():
+        found[name.rpartition("_")[0]] += count
+    return found

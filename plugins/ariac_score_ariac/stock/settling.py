@@ -9,6 +9,7 @@ from pathlib import Path
 from ariac_score import (
     ARM_COLLISION,
     COMPETITION_ENDED,
+    PART_DROPPED,
     Event,
     LogDefect,
     LogError,
@@ -32,9 +33,11 @@ from ariac_score_ariac.stock.deliveries import (
     completions_said,
     deliveries_said,
 )
-from ariac_score_ariac.stock.naming import named_deliveries
+from ariac_score_ariac.stock.evidence import Evidence
+from ariac_score_ariac.stock.naming import named_submissions
+from ariac_score_ariac.stock.score_steps import ScoreSeen, ScoreSteps
 from ariac_score_ariac.stock.verdicts import Verdicts, verdicts_of
-from ariac_score_ariac.work import Kit, KitSubmission, OpenTasks, Order, Tray
+from ariac_score_ariac.work import Kit, KitSubmission, OpenTasks, Order, Tray, orders_of
 
 __all__ = ["Stock", "stock_of"]
 
@@ -198,17 +201,45 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
         end_s = next((e.t_s for e in score.events if e.kind == COMPETITION_ENDED), None)
         if merged.ended_s is None and end_s is not None:
             events.append(Event(end_s, COMPETITION_ENDED))
-    ended = merged.ended_s is not None or any(event.kind == COMPETITION_ENDED for event in events)
+    ends = [event.t_s for event in events if event.kind == COMPETITION_ENDED]
+    ended_s = merged.ended_s if merged.ended_s is not None else min(ends, default=None)
     deliveries = _with_boxes(deliveries_said(said), parts)
     printed = _submitted(official, orders)
     boxes = RecordedKits(record for part in parts for record in part.records if isinstance(record, Kit))
-    kits = [boxes.seen(d.agv, d.t_s, max_age_s=_LATEST_S) if d.agv else None for d in deliveries]
-    completions = completions_said(said)
-    named = named_deliveries(deliveries, completions, orders, printed=printed, kits=kits, ended=ended)
+    evidence = Evidence(
+        completions_said(said),
+        printed,
+        lambda place, t_s: boxes.seen(place, t_s, max_age_s=_LATEST_S) if place else None,
+        _steps(
+            merged, parts, events, orders, counts_drops=PART_DROPPED in (score.witnessed if score else ())
+        ),
+        ended_s,
+    )
+    named = named_submissions(deliveries, orders, evidence)
     witnessed = {"submissions"} | set(score.witnessed if score else ())
     if any(task.agv != "any" or task.station for order in orders for task in order.tasks):
         witnessed.add(ARM_COLLISION)  # printed from 2019 on, when orders first name an AGV
     return Stock(named.submissions, official, frozenset(witnessed), tuple(events), named.open, named.defects)
+
+
+def _steps(
+    merged: Trial,
+    parts: Sequence[Trial],
+    events: Sequence[Event],
+    orders: Sequence[Order],
+    *,
+    counts_drops: bool,
+) -> ScoreSteps | None:
+    """The steps of the score; `None` where it is not recorded, or an update of an order may change it."""
+    seen = [record for part in parts for record in part.records if isinstance(record, ScoreSeen)]
+    if not seen or any(order.updates for part in parts for order in orders_of(part)):
+        return None
+    contacts = [event.t_s for event in events if event.kind == ARM_COLLISION]
+    ends = [merged.ended_s] if merged.ended_s is not None else []
+    drops = 0.0
+    if any(task.station for order in orders for task in order.tasks):  # from 2021 on what falls costs points
+        drops = float(sum(event.kind == PART_DROPPED for event in events)) if counts_drops else float("inf")
+    return ScoreSteps(seen, until_s=min([*contacts, *ends], default=float("inf")), unseen_drops=drops)
 
 
 def _submitted(official: OfficialResult | None, orders: Sequence[Order]) -> dict[str, dict[str, str]] | None:
