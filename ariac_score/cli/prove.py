@@ -21,6 +21,7 @@ from ariac_score.review.proofs.certificate import (
     compare,
 )
 from ariac_score.review.proofs.proving import DEFAULT_CASES, prove
+from ariac_score.review.proofs.solver import find_solver, solver_version
 from ariac_score.review.proofs.subject import subject_of
 from ariac_score.scoring.extending import path_of_rule_set
 from ariac_score.terminal.output import refuse_inputs, write
@@ -75,8 +76,9 @@ def run_prove(arguments: argparse.Namespace) -> int:
     subject = subject_of(arguments.name, registry)
     if arguments.output is not None and not subject.is_penalty:
         refuse_inputs(arguments.output, path_of_rule_set(arguments.name, Path(), registry))
-    judged = prove(subject, cases=arguments.cases, seed=arguments.seed)
-    made = certificate(subject, judged, cases=arguments.cases, seed=arguments.seed)
+    cases, seed = arguments.cases, arguments.seed
+    judged = prove(subject, cases=cases, seed=seed, solver=find_solver())
+    made = certificate(subject, judged, cases=cases, seed=seed, solver=solver_version())
     if arguments.output is not None:
         write(certificate_json(made), arguments.output)
     for line in _lines(made, style_for(sys.stdout)):
@@ -124,14 +126,19 @@ def verify_certificate(found: Certificate, arguments: argparse.Namespace) -> int
             "a certificate is about a rule set, not about a log", hint="leave out --log and --adjustments"
         )
     style = style_for(sys.stdout)
-    faults = False
+    faults = unchecked = False
     print(f"{style(plain(arguments.result.name), 'bold')}: certificate of {plain(found.name)}")
     for one in compare(found, arguments.rules, registry_of(arguments)):
         faults |= one.is_fault
+        unchecked |= one.is_unchecked
         look = "red" if one.is_fault else "yellow"
         outcome = f"{'failed' if one.is_fault else 'note':<7}"
         print(f"  {style(outcome, look)}{one.what:<16} {plain(one.words)}")
-    print(
-        style("does not hold", "red") if faults else style("it holds: everything was proven again", "green")
-    )
-    return EXIT_REFUTED if faults else 0
+    if faults:
+        print(style("does not hold", "red"))
+        return EXIT_REFUTED
+    if unchecked:
+        print(style("nothing speaks against it; what only a solver decided was not checked", "yellow"))
+        return EXIT_OPEN
+    print(style("it holds: everything was proven again", "green"))
+    return 0

@@ -10,13 +10,16 @@ import pytest
 
 from ariac_score.checks.registry import Registry
 from ariac_score.cli import main
+from ariac_score.cli import prove as prove_command
 from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.prices import ALL_LAWS, PRICE_LAWS
 from ariac_score.review.laws.reference import DEFAULT
+from ariac_score.review.proofs import certificate as certificate_module
 from ariac_score.review.proofs.by_types import BY_TYPES
 from ariac_score.review.proofs.grades import Grades
 from ariac_score.review.proofs.proving import prove
 from ariac_score.review.proofs.quantities import Quantity
+from ariac_score.review.proofs.solver import BY_SOLVER, find_solver
 from ariac_score.review.proofs.subject import Subject, subject_of
 from ariac_score.review.proofs.tree import Known, Node, Op, Taken
 from ariac_score.scoring.signs import Sign
@@ -202,10 +205,79 @@ def test_a_term_outside_the_calculus_is_named(tmp_path: Path) -> None:
     open_ = next(one for one in prove(subject, cases=0) if one.law.name == "more_violations")
 
     # 1 - t is below 0 for long violations, and its square grows again.
-    assert open_.because == (
-        "seconds(separation) may move '(1 + -1 * seconds(separation)) ** 2' in the term 'score' either way",
+    assert open_.because[0] == (
+        "seconds(separation) may move '(1 + -1 * seconds(separation)) ** 2' in the term 'score' either way"
     )
 
+
+# What the solver is asked ---------------------------------------------------------------
+
+FREE_POINTS = "earned - 5"  # what was earned, less a fee: it may be below 0
+
+
+@pytest.mark.parametrize(
+    ("law", "score", "proves"),
+    [
+        # Points divided by 1 + violations: fair where points are never negative, or mirrored where they are.
+        ("more_violations", "earned / (1 + count(dropped))", True),
+        ("more_violations", f"({FREE_POINTS}) / (1 + count(dropped))", False),
+        (
+            "more_violations",
+            f"({FREE_POINTS}) / (1 + count(dropped)) if {FREE_POINTS} >= 0 "
+            f"else ({FREE_POINTS}) * (2 - 1 / (1 + count(dropped)))",
+            True,
+        ),
+        # A gate on the number: 4 of 10 are left before it, and then 0; or -2, and then the gate rescues.
+        ("more_violations", "0 if count(dropped) > 3 else 10 - 2 * count(dropped)", True),
+        ("more_violations", "0 if count(dropped) > 5 else 10 - 3 * count(dropped)", False),
+        ("always_costs", "earned / (1 + count(dropped)) ** 2", True),
+        ("always_costs", "earned / (1 + min(1, count(dropped)))", False),
+        ("waiting", "earned * max(0, 1 - count(dropped) / trial.duration_s)", False),
+        ("waiting", "earned * trial.duration_s / trial.duration_s if trial.duration_s > 0 else earned", True),
+        ("stopping_early", "earned / (1 + count(dropped))", True),
+        ("stopping_early", "earned * product(dropped, p=0.25)", False),
+        ("stopping_early", "earned / (1 + count(dropped)) ** 2", False),
+        ("stopping_early", "earned - count(dropped)", False),
+        # What is negative is helped, so it never falls below the -5 of no work.
+        ("doing_nothing", f"({FREE_POINTS}) / (1 + count(dropped))", True),
+        ("doing_nothing", "earned * product(dropped, p=0.25)", True),
+        ("doing_nothing", "earned - count(dropped)", False),
+    ],
+)
+def test_what_the_solver_proves(law: str, score: str, proves: bool, tmp_path: Path) -> None:
+    solver = find_solver()
+    assert solver is not None
+
+    assert BY_SOLVER[law](solver, made(tmp_path, score)).proves is proves
+
+
+def test_numbers_that_break_a_law_are_shown(tmp_path: Path) -> None:
+    solver = find_solver()
+    assert solver is not None
+
+    answer = BY_SOLVER["more_violations"](solver, made(tmp_path, "(earned - 5) / (1 + count(dropped))"))
+
+    assert "count(dropped)' = " in answer.words
+    assert "of which no trial was found" in answer.words
+
+
+def test_without_the_solver_a_law_is_open_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rules, file = certificate(tmp_path, TAKEN_BACK)
+    assert "PROVEN    more violations never help (by solver)" in capsys.readouterr().out
+    for module in (prove_command, certificate_module):
+        monkeypatch.setattr(module, "find_solver", lambda: None)
+        monkeypatch.setattr(module, "solver_version", lambda: "")
+
+    assert main(["rules", "prove", str(rules), "--cases", "0"]) == 6
+    assert "pip install 'ariac-score[prove]'" in " ".join(capsys.readouterr().out.split())
+    assert main(["verify", str(file), "--rules", str(rules)]) == 6
+    assert "not checked: decided by z3 " in capsys.readouterr().out
+
+
+TAKEN_BACK = "earned / (1 + count(dropped)) + 2 * count(dropped) - 2 * count(dropped)"
+"""A sum of what rises and what falls, whose type is not known."""
 
 # The command and its certificate -------------------------------------------------------
 

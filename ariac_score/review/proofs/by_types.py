@@ -176,15 +176,8 @@ def more_points(subject: Subject) -> Argument:
 
 def doing_nothing(subject: Subject) -> Argument:
     """The score is never below what it is at most where nothing is done."""
-    idle = {one.name: 0.0 for one in subject.quantities.values() if one.of == VIOLATIONS}
-    idle |= {
-        one.name: 0.0
-        for one in subject.quantities.values()
-        if one.of == TASK and (one.checks[0] in subject.world.earning or one.grows)
-    }
-    earning = {f"violated({check})" for check in subject.world.earning}
-    idle = {name: 1.0 if name.split(" of ")[0] in earning else value for name, value in idle.items()}
-    nothing = Grades(pins=idle).of(subject.tree).typed.most
+    clean = {one.name: 0.0 for one in subject.quantities.values() if one.of == VIOLATIONS}
+    nothing = Grades(pins={**clean, **subject.idle}).of(subject.tree).typed.most
     least = subject.whole.typed.least
     if nothing <= least:
         return Argument(True, (f"doing nothing gives at most {nothing:g}, and no score is below {least:g}",))

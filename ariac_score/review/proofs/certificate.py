@@ -20,6 +20,7 @@ from ariac_score.documents.schema import strict_json
 from ariac_score.errors import ResultError
 from ariac_score.review.laws.words import trial_in_words
 from ariac_score.review.proofs.proving import Judged, prove
+from ariac_score.review.proofs.solver import find_solver, solver_version
 from ariac_score.review.proofs.subject import Subject, subject_of
 
 __all__ = ["Certificate", "Difference", "Law", "certificate", "certificate_in", "certificate_json", "compare"]
@@ -83,12 +84,14 @@ class Difference:
     Attributes:
         what: A law, or a part of the head.
         words: What the certificate says, and what holds.
-        is_fault: Whether the certificate is wrong; else it could not be checked, or another version made it.
+        is_fault: Whether the certificate is wrong.
+        is_unchecked: Whether it could not be checked here.
     """
 
     what: str
     words: str
     is_fault: bool = True
+    is_unchecked: bool = False
 
 
 def certificate(
@@ -166,18 +169,27 @@ def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Diff
         return
     if found.program != _VERSION:
         yield Difference("program", f"made by version {found.program}, checked by {_VERSION}", is_fault=False)
-    here = certificate(
-        subject, prove(subject, cases=found.cases, seed=found.seed), cases=found.cases, seed=found.seed
-    )
+    solver = find_solver()
+    judged = prove(subject, cases=found.cases, seed=found.seed, solver=solver)
+    here = certificate(subject, judged, cases=found.cases, seed=found.seed, solver=solver_version())
     proven = {law.law: law for law in here.laws}
     for law in found.laws:
         other = proven.pop(law.law, None)
         if other is None:
             yield Difference(law.law, "there is no such law")
+        elif "solver" in (law.by, other.by) and here.solver != found.solver and law.verdict != other.verdict:
+            words = _unlike_solvers(found.solver, here.solver)
+            yield Difference(law.law, words, is_fault=False, is_unchecked=True)
+        elif law.verdict == "open" == other.verdict and here.solver != found.solver:
+            continue  # another solver knows other numbers
         elif law != other:
             yield Difference(law.law, _differing(law, other))
     for name in proven:
         yield Difference(name, "the certificate leaves it out")
+
+
+def _unlike_solvers(stated: str, here: str) -> str:
+    return f"not checked: decided by {stated or 'no solver'}, and here is {here or 'none'}"
 
 
 def _another(found: Certificate, subject: Subject) -> str:

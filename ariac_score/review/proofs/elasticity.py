@@ -8,15 +8,16 @@ with the number of pieces: so x * 1 / (1 + x) keeps the law, and x * p ** x does
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
 from ariac_score.review.proofs.grades import Grades
 from ariac_score.review.proofs.quantities import DURATION, FACT, VIOLATIONS, Quantity
-from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, inputs_of, text
+from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, bare, inputs_of, parts_of, text
 from ariac_score.scoring.signs import Typed
 
-__all__ = ["going_on_pays"]
+__all__ = ["adds_up", "going_on_pays"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,9 @@ class _NotKnownError(Exception):
 
 def going_on_pays(tree: Term) -> tuple[bool, tuple[str, ...]]:
     """Whether one more piece, equal to those before it, never lowers the score; and why, or why not."""
+    works = set(_works(tree))
+    if len(works) > 1 and any(Grades().of(work).typed.least < 0 for work in works):
+        return False, ("work earns in several places, of which one may be below 0",)
     try:
         found = _of(tree)
     except _NotKnownError as missing:
@@ -53,16 +57,28 @@ def going_on_pays(tree: Term) -> tuple[bool, tuple[str, ...]]:
     )
 
 
+def _is_work(node: Node) -> bool:
+    """Whether it is what pieces of work earn, whatever is violated."""
+    of = [q.of for q in inputs_of(node)]
+    earns = isinstance(node, Each | Term | Op) and VIOLATIONS not in of and DURATION not in of
+    return earns and bool(of) and adds_up(node)
+
+
+def _works(node: Node) -> Iterator[Node]:
+    if _is_work(node):
+        yield bare(node)
+    else:
+        for part in parts_of(node):
+            yield from _works(part)
+
+
 def _without_work(tree: Term) -> float:
     """What no work and no violations give at most."""
     return Grades(pins={q.name: 0.0 for q in inputs_of(tree) if q.adds or q.switch}).of(tree).typed.most
 
 
 def _of(node: Node) -> _Scaling:
-    earns = isinstance(node, Each | Term | Op) and not any(
-        q.of in (VIOLATIONS, DURATION) for q in inputs_of(node)
-    )
-    if earns and any(q.adds or q.switch for q in inputs_of(node)) and _adds_up(node):
+    if _is_work(node):
         # The law speaks of pieces that are worth something each: what they earn adds up and is above 0.
         return _Scaling(1, 1, Typed(0, inf))
     if isinstance(node, Known):
@@ -71,8 +87,9 @@ def _of(node: Node) -> _Scaling:
         quantity = node.quantity
         if quantity.of == DURATION:
             return _Scaling(1, 1, Typed(0, inf))
+        # Less than one more each time where pieces share a part, such as the time after a violation.
         share = 1.0 if quantity.adds and quantity.of == VIOLATIONS else 0.0
-        return _Scaling(share, share, Typed(quantity.least, quantity.most))
+        return _Scaling(0, share, Typed(quantity.least, quantity.most))
     if isinstance(node, Term):
         return _of(node.of)
     if isinstance(node, Op):
@@ -80,17 +97,17 @@ def _of(node: Node) -> _Scaling:
     raise _NotKnownError(f"nothing is known of {text(node)!r} over pieces")
 
 
-def _adds_up(node: Node) -> bool:
+def adds_up(node: Node) -> bool:
     """Whether it is a sum over the outermost pieces of work, times what is the same for all of them."""
     node = node.of if isinstance(node, Term) else node
     if isinstance(node, Term):
-        return _adds_up(node)
+        return adds_up(node)
     if isinstance(node, Each):
         return node.name == "sum"
     if isinstance(node, Op) and node.name == "+":
-        return all(_adds_up(part) for part in node.of)
+        return all(adds_up(part) for part in node.of)
     if isinstance(node, Op) and node.name in ("*", "/"):
-        summed = [part for part in node.of if _adds_up(part)]
+        summed = [part for part in node.of if adds_up(part)]
         others = [part for part in node.of if part not in summed]
         kept = all(not any(q.adds for q in inputs_of(part)) for part in others)
         return len(summed) == 1 and kept and (node.name == "*" or summed[0] == node.of[0])

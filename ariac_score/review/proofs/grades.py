@@ -16,7 +16,7 @@ from math import inf, isfinite, log
 
 from ariac_score.errors import FormulaError
 from ariac_score.review.proofs.quantities import RUNS, Quantity
-from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, text
+from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, bare, text
 from ariac_score.scoring.signs import (
     Sign,
     Typed,
@@ -108,7 +108,7 @@ class Grades:
         else:
             found = self._op(node, nonzero)
             self._note_losses(node, found)
-        limits = self._known.get(_bare(node))
+        limits = self._known.get(bare(node))
         if limits:
             found = Grade(found.typed.within(*limits), found.strict, found.jumps, found.steep)
         return found
@@ -205,7 +205,7 @@ class Grades:
             self._known = before
 
     def _suppose(self, node: Node, *, holds: bool) -> None:
-        node = _bare(node)
+        node = bare(node)
         if isinstance(node, Taken):
             if node.quantity.switch:
                 self._note(node, float(holds), float(holds))
@@ -225,16 +225,9 @@ class Grades:
             self._note(node, 0, 0)
 
     def _note(self, node: Node, least: float, most: float) -> None:
-        node = _bare(node)
+        node = bare(node)
         before = self._known.get(node, (-inf, inf))
         self._known[node] = (max(least, before[0]), min(most, before[1]))
-
-
-def _bare(node: Node) -> Node:
-    """A tree without the names of terms around it, so that a term and its formula are one."""
-    while isinstance(node, Term):
-        node = node.of
-    return node
 
 
 def _only_sure(names: Iterable[str], typed: Typed) -> frozenset[str]:

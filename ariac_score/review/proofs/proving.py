@@ -10,9 +10,20 @@ from ariac_score.review.laws.laws import Law
 from ariac_score.review.laws.prices import ALL_LAWS
 from ariac_score.review.laws.proving import Outcome, check_laws
 from ariac_score.review.proofs.by_types import BY_TYPES, Argument
+from ariac_score.review.proofs.solver import BY_SOLVER, OutsideError, Solver
 from ariac_score.review.proofs.subject import Subject
 
-__all__ = ["DEFAULT_CASES", "PROVEN", "REFUTED", "Judged", "Search", "Verdict", "law_named", "prove"]
+__all__ = [
+    "DEFAULT_CASES",
+    "MISSING",
+    "PROVEN",
+    "REFUTED",
+    "Judged",
+    "Search",
+    "Verdict",
+    "law_named",
+    "prove",
+]
 
 DEFAULT_CASES = 400
 """Random cases that are searched for an exploit of each law that is not proven."""
@@ -20,6 +31,8 @@ DEFAULT_CASES = 400
 Verdict = Literal["proven", "refuted", "open", "not_applicable"]
 PROVEN: Verdict = "proven"
 REFUTED: Verdict = "refuted"
+
+MISSING = "z3, which may know, is not installed: pip install 'ariac-score[prove]'"
 
 Search = Callable[[Subject, Law], Outcome | None]
 """Something that looks for an exploit of a law: a counter-example, or `None` where it found none."""
@@ -70,30 +83,48 @@ def random_search(*, cases: int, seed: int) -> Search:
 
 
 def prove(
-    subject: Subject, *, cases: int = DEFAULT_CASES, seed: int = 0, searches: Iterable[Search] = ()
+    subject: Subject,
+    *,
+    cases: int = DEFAULT_CASES,
+    seed: int = 0,
+    solver: Solver | None = None,
+    searches: Iterable[Search] = (),
 ) -> tuple[Judged, ...]:
-    """Every law, proven by types where they suffice, else refuted where a search finds an exploit.
+    """Every law, proven by types or the solver, else refuted where a search finds an exploit.
 
     Args:
         subject: A rule set or a penalty.
         cases: Random trials that are searched for each law that is not proven.
         seed: Where the random numbers start.
+        solver: What is asked where types do not suffice; `None` where none is installed.
         searches: Others that look for an exploit where random trials show none.
     """
     wanted = [random_search(cases=cases, seed=seed), *searches]
-    return tuple(
-        _judged(subject, law_named(name), argue(subject), wanted) for name, argue in BY_TYPES.items()
-    )
+    return tuple(_judged(subject, law_named(name), solver, wanted) for name in BY_TYPES)
 
 
-def _judged(subject: Subject, law: Law, argument: Argument, searches: Iterable[Search]) -> Judged:
+def _judged(subject: Subject, law: Law, solver: Solver | None, searches: Iterable[Search]) -> Judged:
     declared = subject.rule_set.breaks.get(law.name, "")
     idle = law.idle(subject.world)
     if idle:
         return Judged(law, "not_applicable", because=(idle,), declared=declared)
+    argument, by = BY_TYPES[law.name](subject), "types"
+    if not argument.proves and law.name in BY_SOLVER:
+        argument, by = _asked(subject, law, solver, argument), "solver"
     if argument.proves:
-        return Judged(law, PROVEN, "types", argument.because, declared=declared)
+        return Judged(law, PROVEN, by, argument.because, declared=declared)
     for search in searches:
         if exploit := search(subject, law):
             return Judged(law, REFUTED, "search", argument.because, exploit, declared)
     return Judged(law, "open", because=argument.because, declared=declared)
+
+
+def _asked(subject: Subject, law: Law, solver: Solver | None, argument: Argument) -> Argument:
+    """What the solver proves where types do not, or what neither knows."""
+    if solver is None:
+        return Argument(False, (*argument.because, MISSING))
+    try:
+        answer = BY_SOLVER[law.name](solver, subject)
+    except OutsideError as outside:
+        return Argument(False, tuple(dict.fromkeys((*argument.because, str(outside)))))
+    return Argument(answer.proves, (answer.words,) if answer.proves else (*argument.because, answer.words))

@@ -12,7 +12,7 @@ from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.proving import bridged_pauses, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.proofs.grades import Grade, Grades
-from ariac_score.review.proofs.quantities import VIOLATIONS, Quantity
+from ariac_score.review.proofs.quantities import TASK, VIOLATIONS, Quantity
 from ariac_score.review.proofs.tree import Term, inputs_of, score_tree
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -65,6 +65,16 @@ class Subject:
             one for name, one in self.quantities.items() if one.of == what and name in self.whole.typed.signs
         ]
 
+    @cached_property
+    def idle(self) -> Mapping[str, float]:
+        """What the quantities of the task are where nothing is done: nothing earned, and nothing broken."""
+        earning = self.world.earning
+        return {
+            one.name: float(one.switch and one.checks[0] in earning)
+            for one in self.quantities.values()
+            if one.of == TASK and (one.grows or one.checks[0] in earning)
+        }
+
     @property
     def priced_violations(self) -> list[Quantity]:
         """The quantities of violations that move the score."""
@@ -81,10 +91,11 @@ def subject_of(name: str, registry: Registry) -> Subject:
     if name in penalty_names() or name.startswith("penalty."):
         rule_set = reference_rules(name)
         world = World(rule_set, REFERENCE_EVENTS)
-        tree = score_tree(rule_set, events=REFERENCE_EVENTS, bridged={}, measures={})
+        tree = score_tree(rule_set, events=REFERENCE_EVENTS, bridged={}, measures={}, safety=world.safety)
         return Subject(name, world, tree, is_penalty=True)
     rule_set = load_rule_set(name)
     events, bridged = event_checks(rule_set, registry), bridged_pauses(rule_set, registry)
     measures = {check: measures_of(built) for check, built in rule_set.build(registry).items()}
-    tree = score_tree(rule_set, events=events, bridged=bridged, measures=measures)
-    return Subject(name, World(rule_set, events, bridged), tree)
+    world = World(rule_set, events, bridged)
+    tree = score_tree(rule_set, events=events, bridged=bridged, measures=measures, safety=world.safety)
+    return Subject(name, world, tree)

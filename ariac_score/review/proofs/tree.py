@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
@@ -25,7 +25,19 @@ from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.sheet import AGAIN_AFTER_S, AGGREGATES, CHECK_FUNCTIONS
 
-__all__ = ["Each", "Known", "Node", "Op", "Taken", "Term", "inputs_of", "parts_of", "score_tree", "text"]
+__all__ = [
+    "Each",
+    "Known",
+    "Node",
+    "Op",
+    "Taken",
+    "Term",
+    "bare",
+    "inputs_of",
+    "parts_of",
+    "score_tree",
+    "text",
+]
 
 
 @dataclass(frozen=True)
@@ -77,6 +89,13 @@ def parts_of(node: Node) -> tuple[Node, ...]:
     return (node.of,) if isinstance(node, Each | Term) else ()
 
 
+def bare(node: Node) -> Node:
+    """A tree without the names of terms around it, so that a term and its formula are one."""
+    while isinstance(node, Term):
+        node = node.of
+    return node
+
+
 def inputs_of(node: Node) -> Iterator[Quantity]:
     """Every quantity in a tree, as often as it is there."""
     if isinstance(node, Taken):
@@ -116,6 +135,7 @@ def score_tree(
     events: frozenset[str],
     bridged: Mapping[str, float],
     measures: Mapping[str, Mapping[str, Measure]],
+    safety: Collection[str],
 ) -> Term:
     """The score of a rule set, before it is rounded.
 
@@ -124,8 +144,10 @@ def score_tree(
         events: Its monitors that speak of single events.
         bridged: Below which pause each other monitor makes one of two violations, s.
         measures: What checks declare of their quantities, by check and quantity.
+        safety: Its monitors whose violations are priced. What another one that watches nothing says, such as
+            what an official record shows, is taken as it is.
     """
-    grower = _Grower(rule_set, events, bridged, measures)
+    grower = _Grower(rule_set, events, bridged, measures, frozenset(safety))
     return Term("score", grower.grow(rule_set.sheet.score, TRIAL))
 
 
@@ -135,6 +157,7 @@ class _Grower:
     events: frozenset[str]
     bridged: Mapping[str, float]
     measures: Mapping[str, Mapping[str, Measure]]
+    safety: frozenset[str]
     _terms: dict[tuple[str, str], Term] = field(default_factory=dict)
 
     def grow(self, formula: Expression, level: str) -> Node:
@@ -275,10 +298,15 @@ class _Growing:
         )
 
     def _of_check(self, function: str, check: str, node: ast.Call) -> Node:
-        is_monitor = check in self.grower.rule_set.monitors
+        grower = self.grower
+        is_monitor = check in grower.rule_set.monitors
+        is_record = is_monitor and check in grower.events and check not in grower.safety
 
         def taken(of: str, label: str = "") -> Taken:
             label = self._label(label or f"{of}({check})")
+            if is_record:
+                switch = of in ("violated", "critical")
+                return Taken(Quantity(label, FACT, 0, 1 if switch else inf, (check,), switch=switch))
             if is_monitor:
                 return Taken(of_monitor(of, check, events=check in self.grower.events, label=label))
             return Taken(of_rule(of, check, label=label))
@@ -297,17 +325,17 @@ class _Growing:
         if function == "occurrences":
             return taken("occurrences", text_of(node))
         if function == "measure":
-            return self._measure(check, text_of(node.args[1]), is_monitor=is_monitor)
+            return self._measure(check, text_of(node.args[1]), watches=is_monitor and not is_record)
         return taken(function)
 
     def _label(self, label: str) -> str:
         return label if self.level == TRIAL else f"{label} of {self.level}"
 
-    def _measure(self, check: str, quantity: str, *, is_monitor: bool) -> Node:
+    def _measure(self, check: str, quantity: str, *, watches: bool) -> Node:
         label = self._label(f"measure({check}, {quantity})")
         declared = self.grower.measures.get(check, {}).get(quantity)
         least = 0.0 if declared is not None and declared.is_never_negative else -inf
-        if not is_monitor:
+        if not watches:
             return Taken(Quantity(label, FACT, least, inf, (check,), adds=True))
         known = {"time_in_violation_s": "seconds", "relative_depth_integral_s": "depth"}
         if quantity in known:
