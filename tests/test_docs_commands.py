@@ -48,6 +48,7 @@ ELSEWHERE = {
 RUN = [
     "README.md",
     "docs/competitions.md",
+    "docs/fairness.md",
     "docs/log_maps.md",
     "docs/ranking.md",
     "docs/report.md",
@@ -133,7 +134,7 @@ def _prepare(page: str, folder: Path) -> None:
         )
         assert main(["report", "examples/competition/2024", "-o", "old/site"]) == 0
         Path("out").mkdir()
-    if page == "docs/security.md":
+    if page in ("docs/security.md", "docs/fairness.md"):
         assert (
             main(["score", "examples/kitting_near_miss.mcap", "--rules", "paper2020", "-o", "result.json"])
             == 0

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from ariac_score.checks.local import LocalFiles
@@ -90,7 +91,6 @@ class BatchSetting:
     Attributes:
         rules: The whole rule set as YAML.
         rules_id: Its id.
-        rules_sha256: Hash of the files it was written in.
         rules_file: Where it was loaded from; files it names are in the same folder.
         limits: For each run.
         ranges: Whether of a remote recording only the wanted parts are fetched.
@@ -102,7 +102,6 @@ class BatchSetting:
 
     rules: str
     rules_id: str
-    rules_sha256: str
     rules_file: str
     limits: Limits
     ranges: bool = False
@@ -113,7 +112,7 @@ class BatchSetting:
     @classmethod
     def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> BatchSetting:
         """The setting that scores by a rule set."""
-        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.sha256, rule_set.file, limits, ranges)
+        return cls(expanded_yaml(rule_set), rule_set.id, rule_set.file, limits, ranges)
 
     def registry(self, installed: Registry) -> Registry:
         """The installed plugins, with the files of code that the competition allows."""
@@ -121,11 +120,12 @@ class BatchSetting:
 
     def rule_set(self) -> RuleSet:
         """The rule set, as it was loaded where the batch began."""
-        return replace(
-            rule_set_from_text(self.rules, file=self.rules_file),
-            sha256=self.rules_sha256,
-            file=self.rules_file,
-        )
+        return replace(rule_set_from_text(self.rules, file=self.rules_file), file=self.rules_file)
+
+    @cached_property
+    def rules_sha256(self) -> str:
+        """Hash of the rules, as results state it."""
+        return self.rule_set().sha256
 
 
 @dataclass(frozen=True)

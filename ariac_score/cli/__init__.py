@@ -9,6 +9,7 @@ Exit codes:
     5  nothing to score: no such file, empty, or not a trial log
     6  a log is damaged, or something the score depends on is undecided
     7  a batch could not be finished, as when the disk is full; what it has done is kept
+    8  a verified result is consistent in itself, but was not compared with its log
 
 Results go to stdout, everything else to stderr.
 """
@@ -95,7 +96,7 @@ def _parser(name: str) -> Parser:
         description="Score robot competition trials: task points, safety monitors, one explained score.",
         epilog="Exit codes: 0 scored, 1 a criterion failed, or an audit or verification found a difference, "
         "2 interrupted, 3 internal or plugin error, 4 usage or invalid rules, 5 nothing to score, "
-        "6 damaged log or undecided score, 7 a batch could not be finished.",
+        "6 damaged log or undecided score, 7 a batch could not be finished, 8 verified without a log.",
         groups=_GROUPS,
         allow_abbrev=False,
     )

@@ -77,6 +77,9 @@ SETTINGS = {
             matters=True,
         ),
         Setting("cohort", "path", "cohort.json of the organisers", ("score", "price"), matters=True),
+        Setting(
+            "public-key", "path", "who must have signed what is verified: the file of a key", ("verify",)
+        ),
         Setting("output-format", "text", "where a command knows it", (*_SHOWN, "check", "audit")),
         Setting("output-folder", "path", "where 'report' puts the page of a result", ("report",)),
         Setting("fail-on", "list", "when the exit code is 1, such as violation", _SHOWN),

@@ -6,7 +6,6 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,14 @@ from ariac_score.cli.prove import verify_certificate
 from ariac_score.cli.stored import not_a_log
 from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.errors import UsageError
-from ariac_score.results.signing import check_signature
 from ariac_score.review.proofs.certificate import certificate_in
-from ariac_score.review.verify import FAILED, OK, Step, Verification, verify_result
+from ariac_score.review.steps import FAILED, OPEN, Verification
+from ariac_score.review.verify import verify_result
 from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_DIFFERS = 1
-_LOOKS = {"ok": "green", "failed": "red", "note": "yellow"}
+EXIT_UNPROVEN = 8
+_LOOKS = {"ok": "green", "failed": "red", "note": "yellow", "open": "yellow"}
 
 
 def register(commands: Any) -> None:
@@ -29,7 +29,9 @@ def register(commands: Any) -> None:
     parser = commands.add_parser(
         "verify",
         description="Check schema, sums, hashes and versions of a stored result; with its log, also compute "
-        "everything again and compare to the byte. Exit code 0: it holds; 1: something does not.",
+        "everything again and compare to the byte. Exit code 0: it holds; 1: something does not; 8: it is "
+        "consistent in itself, but was not compared with its log, or its rules, decisions or values across "
+        "teams are known from the file alone.",
     )
     parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
     parser.add_argument(
@@ -41,6 +43,9 @@ def register(commands: Any) -> None:
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set that it should be scored by")
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_trial_config(parser)
+    parser.add_argument(
+        "--cohort", type=Path, metavar="FILE", help="cohort.json of the organisers, where --log is one run"
+    )
     parser.add_argument(
         "--adjustments",
         type=Path,
@@ -56,7 +61,10 @@ def register(commands: Any) -> None:
         help="check its signature; default: RESULT.minisig",
     )
     parser.add_argument(
-        "--public-key", default="", metavar="KEY", help="key of the signature: a file, or the key itself"
+        "--public-key",
+        default="",
+        metavar="KEY",
+        help="who must have signed it: the file of a public key, or the key itself",
     )
     parser.add_argument(
         "--local-plugins",
@@ -68,7 +76,7 @@ def register(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Verify and show every step; the exit code is 0 if all of them hold."""
+    """Verify and show every step; the exit code says whether it holds, does not, or is not proven."""
     if arguments.local_plugins and not (arguments.rules and arguments.log):
         raise UsageError(
             "--local-plugins needs the rule set and the log",
@@ -77,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
     certificate = certificate_in(arguments.result)
     if certificate is not None:
         return verify_certificate(certificate, arguments)
+    if arguments.signature is not None and not arguments.public_key:
+        raise UsageError("a signature is checked with a key", hint="name the key with --public-key")
     with not_a_log(arguments.result, "verify"):
         found = verify_result(
             arguments.result,
@@ -84,26 +94,18 @@ def run(arguments: argparse.Namespace) -> int:
             rules=arguments.rules,
             log_map=arguments.log_map,
             also=arguments.trial_config,
+            cohort=arguments.cohort,
             adjustments=arguments.adjustments,
+            public_key=str(arguments.public_key),
+            signature=arguments.signature if isinstance(arguments.signature, Path) else None,
             local_plugins=arguments.local_plugins,
         )
-    if arguments.signature is not None or arguments.public_key:
-        found = _with_signature(found, arguments)
     if arguments.output_format == "json":
         print(json.dumps(_data(found), indent=1, sort_keys=True))
     else:
         for line in _lines(found, arguments.result.name, style_for(sys.stdout)):
             print(line)
-    return 0 if found.holds else EXIT_DIFFERS
-
-
-def _with_signature(found: Verification, arguments: argparse.Namespace) -> Verification:
-    """The same with a step for the signature."""
-    if not arguments.public_key:
-        raise UsageError("a signature is checked with a key", hint="name the key with --public-key")
-    file = arguments.signature if isinstance(arguments.signature, Path) else None
-    holds, reason = check_signature(arguments.result, arguments.public_key, file)
-    return replace(found, steps=(*found.steps, Step("signature", OK if holds else FAILED, reason)))
+    return 0 if found.holds else EXIT_UNPROVEN if found.consistent else EXIT_DIFFERS
 
 
 def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
@@ -112,10 +114,21 @@ def _lines(found: Verification, name: str, style: Style) -> Iterator[str]:
         first, *more = step.words.split("\n")
         yield f"  {style(f'{step.outcome:<7}', _LOOKS[step.outcome])}{step.name:<12} {plain(first)}"
         yield from (f"{' ' * 22}{plain(line)}" for line in more)
-    failed = [step.name for step in found.steps if step.outcome == "failed"]
+    words, colour = _summary(found)
+    yield style(words, colour)
+
+
+def _summary(found: Verification) -> tuple[str, str]:
+    """What all steps come to, in a line, and its colour."""
+    if failed := found.steps_that_are(FAILED):
+        return f"does not hold: {', '.join(failed)}", "red"
+    if found.holds:
+        return "it holds", "green"
+    others = [name for name in found.steps_that_are(OPEN) if name != "log"]
+    known = f"; known from the file alone: {', '.join(others)}" if others else ""
     # Nothing but its log says whether what was measured is true, however well all of it fits together.
-    held = "it holds" if found.computed_again else "it holds in itself; --log checks it against its log"
-    yield style(held, "green") if not failed else style(f"does not hold: {', '.join(failed)}", "red")
+    compared = "" if found.computed_again else "; not compared with a log"
+    return f"consistent in itself{compared}{known}", "yellow"
 
 
 def _kind(found: Verification) -> str:
@@ -137,6 +150,7 @@ def _data(found: Verification) -> dict[str, Any]:
     result = found.result
     return {
         "holds": found.holds,
+        "consistent": found.consistent,
         "kind": None if result is None else "automatic" if result.adjusted is None else "adjusted",
         "automatic_score": None if result is None or result.score is None else float(result.score),
         "score": None if result is None or result.final is None else float(result.final),

@@ -79,7 +79,8 @@ class PhaseDescription:
 
     Attributes:
         phase: Its name.
-        rule_set: The rules in `ruleset.yaml`.
+        rule_set: The rules in `ruleset.yaml`, with the hash of their text; without one where an older version
+            wrote it.
         limits: For each run.
         trials: The name of each trial's configuration, relative to the folder; empty without one.
     """
@@ -90,8 +91,18 @@ class PhaseDescription:
     trials: Mapping[str, str]
 
 
+def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+    """`phase/1` as `phase/2`: it stated the hash of the files that the rules were written in."""
+    return {**data, "rule_set": {**data["rule_set"], "sha256": ""}}
+
+
 PHASE_FORMAT = Format(
-    "phase", 1, PhaseDescription, made_by="'ariac-score platform codabench bundle'", error=DataFileError
+    "phase",
+    2,
+    PhaseDescription,
+    before={1: _from_1},
+    made_by="'ariac-score platform codabench bundle'",
+    error=DataFileError,
 )
 """How the description of a phase is stored."""
 
@@ -199,10 +210,16 @@ def load_phase(folder: Path) -> Phase:
     setting = BatchSetting(
         rules,
         description.rule_set.id,
-        description.rule_set.sha256,
         str(folder / RULES),
         description.limits,
     )
+    if description.rule_set.sha256 not in ("", setting.rules_sha256):
+        raise UsageError(
+            f"the rules have SHA-256 {setting.rules_sha256[:12]}…, and the phase states "
+            f"{description.rule_set.sha256[:12]}…",
+            file=folder / RULES,
+            hint="the rules were edited: write the bundle again with 'ariac-score platform codabench bundle'",
+        )
     trials = tuple(
         TrialPlan(trial, folder / name if name else None) for trial, name in description.trials.items()
     )

@@ -32,6 +32,7 @@ __all__ = [
     "Decision1",
     "as_json",
     "check_follows",
+    "check_rules",
     "decision_from_1",
     "findings_json",
     "load_result",
@@ -361,6 +362,7 @@ def load_result(path: str | PathLike[str], *, known: bool = False) -> Result:
     path = path_of(path, "the path of a stored result")
     result = read_result(path, known=known)
     try:
+        check_rules(result)
         check_follows(result)
     except ResultError as error:
         error.file = str(path)
@@ -413,6 +415,25 @@ def result_in(document: bytes, path: Path, *, known: bool = False) -> Result:
         ResultError: Not JSON, no result, or its ledger does not add up to its score.
     """
     return RESULT.decoded(document, path, known=known)
+
+
+def check_rules(result: Result) -> None:
+    """Compare the rules that a result holds with the hash and the name that it states for them.
+
+    Results of before `result/3` state the hash of the files that their rules were written in.
+
+    Raises:
+        ResultError: They are others.
+    """
+    stated = result.provenance.rule_set
+    found = hashlib.sha256(result.rules.encode("utf-8")).hexdigest()
+    if found != stated.sha256 and not result.is_former:
+        raise ResultError(
+            f"the rules in it have SHA-256 {found[:12]}…, and it says that it is by {stated.id}, "
+            f"SHA-256 {stated.sha256[:12]}…",
+            place="$.rules",
+            hint="they were edited: score the trial again under the published rule set",
+        )
 
 
 def check_follows(result: Result) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,7 @@ from ariac_score.checks.finding_contract import stored_breaches
 from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
 from ariac_score.documents.schema import strict_json
-from ariac_score.engine.price import check_uses, reprice
-from ariac_score.engine.score import score_trial
+from ariac_score.engine.price import check_uses
 from ariac_score.engine.settings import plain_value
 from ariac_score.errors import (
     LocalPluginError,
@@ -27,66 +26,27 @@ from ariac_score.errors import (
     PluginError,
     ResultError,
     ScoreError,
-    UsageError,
 )
-from ariac_score.ranking.competition import FILE, Competition, Run, load_competition, work_by_of
+from ariac_score.ranking.competition import Competition, registry_for
 from ariac_score.results.adjustments import adjust, load_adjustments
-from ariac_score.results.result import Code, Measured, Provenance, Result
+from ariac_score.results.cohort_file import load_cohort
+from ariac_score.results.result import Code, Measured, Result
 from ariac_score.results.result_file import (
     RESULT,
     as_json,
     check_follows,
+    check_rules,
     measured_sha256,
     read_result,
-    result_in,
 )
-from ariac_score.scoring.policy import OPEN
-from ariac_score.scoring.ruleset import RuleSet, expanded_yaml, load_rule_set, rule_set_from_text
+from ariac_score.results.signing import check_signature
+from ariac_score.review.computed_again import compared_with_log, competition_at
+from ariac_score.review.differences import SHOWN, differences, listed
+from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step, Verification
+from ariac_score.scoring.policy import OPEN as OPEN_POLICY
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_from_text
 
-__all__ = ["Step", "Verification", "verify_result"]
-
-SHOWN = 5
-"""Differences that are named; one edit changes few places, another log changes many."""
-
-OK, FAILED, NOTE = "ok", "failed", "note"
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of the verification.
-
-    Attributes:
-        name: Such as `schema` or `recomputed`.
-        outcome: `ok`, `failed`, or `note` for a difference that need not be a fault.
-        words: What was found; several lines for several differences.
-    """
-
-    name: str
-    outcome: str
-    words: str
-
-
-@dataclass(frozen=True)
-class Verification:
-    """The outcome of verifying a stored result.
-
-    Attributes:
-        steps: In the order in which they were taken.
-        result: The result; `None` when it cannot be built from the file.
-    """
-
-    steps: tuple[Step, ...]
-    result: Result | None
-
-    @property
-    def holds(self) -> bool:
-        """Whether nothing failed."""
-        return all(step.outcome != FAILED for step in self.steps)
-
-    @property
-    def computed_again(self) -> bool:
-        """Whether all was computed again from the log."""
-        return any(step.name == "recomputed" for step in self.steps)
+__all__ = ["verify_result"]
 
 
 def verify_result(
@@ -96,7 +56,10 @@ def verify_result(
     rules: str = "",
     log_map: str = "",
     also: Sequence[Path] = (),
+    cohort: Path | None = None,
     adjustments: Path | None = None,
+    public_key: str = "",
+    signature: Path | None = None,
     registry: Registry | None = None,
     local_plugins: bool = False,
 ) -> Verification:
@@ -105,10 +68,14 @@ def verify_result(
     Args:
         path: The result.
         log: Its log, bundle, or the competition it is a run of; then everything is computed again.
-        rules: The rule set it must be scored by; without it, the installed one of the same name.
+        rules: The rule set it must be scored by; without it, that of the competition, or the installed one
+            of the same name.
         log_map: Log map, where the rule set names one that lies elsewhere.
         also: Configurations that it was scored with, where they lie elsewhere than the log.
-        adjustments: The stewards' file, where the result is adjusted.
+        cohort: The published values across teams, where `log` is no competition to compute them from.
+        adjustments: The stewards' file, where the result is adjusted; without it, that of the competition.
+        public_key: Whose signature it must have; empty for nobody's.
+        signature: The file of that; by default next to the result.
         registry: The installed plugins.
         local_plugins: Whether files of code beside the rule set may run, where they are those that the
             result states; it counts where no `registry` is given.
@@ -120,10 +87,11 @@ def verify_result(
     """
     text, data = _read(path)
     _refuse_other_document(data, path)
+    signed = _signed(path, public_key, signature)
     try:
         result = read_result(path)
     except ResultError as error:
-        return Verification(_unread(error, data), None)
+        return Verification((*_unread(error, data), *signed), None)
     steps = [Step("schema", OK, data["schema"])]
     steps.append(Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}"))
     steps += _follows(result)
@@ -131,26 +99,69 @@ def verify_result(
         steps.append(Step("ledger", NOTE, _FORMER))
     steps.append(_possible(result.measured))
     steps.append(_canonical(text, data["schema"], result))
-    given = load_rule_set(rules) if rules else _installed(result)
-    steps.append(_rules(result, given, required=bool(rules)))
-    steps.append(_code(result, files_run=local_plugins and log is not None))
-    if adjustments is not None:
-        steps.append(_adjustments(result, adjustments))
-    if log is not None:
-        rule_set = _rule_set_for(result, given, required=bool(rules))
-        if local_plugins and registry is None:
-            registry = Registry(LocalFiles(_stated_files(result)))
-            changed = list(_changed_files(rule_set, registry))
-            if changed:  # another text says nothing about this result, and may do anything
-                return Verification((*steps, *changed), result)
-            if files := ", ".join(sorted(_stated_files(result))):
-                steps.append(Step("local", OK, f"{files} beside the rule set made it"))
-        # The automatic result: decisions of stewards are applied to it, not measured.
-        again = _again(result.automatic, log, rule_set, log_map, registry or Registry(), also)
-        again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
-        again, parts = _as_it_was_read(result.automatic, again)
-        steps += [*parts, _inputs(result, again), _recomputed(result.automatic, again)]
+    competition = None if log is None else competition_at(log, result.provenance.rule_set.id)
+    root = _root_of(rules, competition, result)
+    steps.append(_rules(result, root))
+    steps.append(_code(result, files_run=local_plugins and log is not None, with_log=log is not None))
+    decided = adjustments or (competition.adjustments if competition is not None else None)
+    if result.adjusted is not None or adjustments is not None:
+        steps.append(_adjustments(result, decided))
+    if result.cohort.values and competition is None:
+        steps.append(_cohort(result, cohort))
+    steps += signed
+    if log is None:
+        return Verification((*steps, Step("log", OPEN, _NO_LOG)), result)
+    rule_set = _rule_set_for(result, root)
+    if local_plugins and registry is None:
+        registry = Registry(LocalFiles(_stated_files(result)))
+        changed = list(_changed_files(rule_set, registry))
+        if changed:  # another text says nothing about this result, and may do anything
+            return Verification((*steps, *changed), result)
+        if files := ", ".join(sorted(_stated_files(result))):
+            steps.append(Step("local", OK, f"{files} beside the rule set made it"))
+    if registry is None:
+        registry = Registry() if competition is None else registry_for(competition)
+    # The automatic result: decisions of stewards are applied to it, not measured.
+    steps += compared_with_log(
+        result.automatic,
+        log if competition is None else competition,
+        rule_set,
+        log_map=log_map,
+        registry=registry,
+        also=also,
+        path=path,
+    )
     return Verification(tuple(steps), result)
+
+
+_NO_LOG = (
+    "not compared with a log, so what was measured is the word of the file alone; --log PATH compares it"
+)
+
+
+@dataclass(frozen=True)
+class _Root:
+    """The rule set that a result must be scored by, and who says so: `given`, `installed`, …"""
+
+    rule_set: RuleSet
+    whose: str
+
+
+def _root_of(rules: str, competition: Competition | None, result: Result) -> _Root | None:
+    """The rules that are trusted; `None` where nobody but the result says what they are."""
+    if rules:
+        return _Root(load_rule_set(rules), "as given")
+    if competition is not None and competition.rules != result.provenance.rule_set.id:
+        return _Root(load_rule_set(competition.rules), f"of {competition.id}")
+    installed = _installed(result)
+    return None if installed is None else _Root(installed, "as installed")
+
+
+def _signed(path: Path, public_key: str, signature: Path | None) -> list[Step]:
+    if not public_key:
+        return []
+    holds, reason = check_signature(path, public_key, signature)
+    return [Step("signature", OK if holds else FAILED, reason)]
 
 
 _FORMER = (
@@ -262,15 +273,15 @@ def _canonical(text: str, tag: str, result: Result) -> Step:
         return Step("bytes", NOTE, f"{tag} is read, but no longer written; its values were compared")
     if text == as_json(result):
         return Step("bytes", OK, "as they are written")
-    found = _differences(json.loads(text), json.loads(as_json(result)))
+    found = differences(json.loads(text), json.loads(as_json(result)))
     words = (
-        "the same values, written in another way" if not found else _listed(found, "in the file", "as read")
+        "the same values, written in another way" if not found else listed(found, "in the file", "as read")
     )
     return Step("bytes", FAILED, words)
 
 
 def _as_before(policy: str) -> str:
-    return "withhold" if policy == OPEN else policy
+    return "withhold" if policy == OPEN_POLICY else policy
 
 
 def _installed(result: Result) -> RuleSet | None:
@@ -282,11 +293,14 @@ def _installed(result: Result) -> RuleSet | None:
         return None
 
 
-def _rules(result: Result, given: RuleSet | None, *, required: bool) -> Step:
-    """Whether the rules in the result are those it names, and those that are given or installed."""
-    name, sha256 = result.provenance.rule_set.id, result.provenance.rule_set.sha256
+def _rules(result: Result, root: _Root | None) -> Step:
+    """Whether the rules in the result have the hash it states, and are those that are trusted."""
+    name = result.provenance.rule_set.id
     own = rule_set_from_text(result.rules, file="the rules in the result")
-    worse = FAILED if required else NOTE  # another edition of the package may have newer rules
+    try:
+        check_rules(result)
+    except ResultError as error:
+        return Step("rules", FAILED, error.cause)
     if own.id != name:
         return Step(
             "rules", FAILED, f"the rules in the result are {own.id!r}, it says that it is by {name!r}"
@@ -299,18 +313,18 @@ def _rules(result: Result, given: RuleSet | None, *, required: bool) -> Step:
     for check, parameter in _given_otherwise(result):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
         return Step("rules", FAILED, words)
-    if given is None:
-        return Step("rules", NOTE, f"{name} is not installed here; the rules in the result were used")
-    if expanded_yaml(given) != expanded_yaml(own):
-        found = _differences(own.expanded, given.expanded)
-        whose = "given" if required else "installed"
-        words = _listed(found, "in the result", f"in {given.id} as {whose}")
-        return Step("rules", worse, f"{name} is another rule set than {given.id} as {whose}: {words}")
-    if given.sha256 != sha256:
-        return Step(
-            "rules", worse, f"{name} says the same, but from a file with another hash: {given.sha256[:16]}…"
-        )
-    return Step("rules", OK, f"{name}, sha256 {sha256[:16]}…")
+    if root is None:
+        words = f"{name} is not installed here, so its rules are the word of the file alone; --rules NAME"
+        return Step("rules", OPEN, words)
+    if root.rule_set.text != own.text:
+        found = differences(own.expanded, root.rule_set.expanded)
+        words = listed(found, "in the result", f"in {root.rule_set.id} {root.whose}")
+        words = f"{name} is another rule set than {root.rule_set.id} {root.whose}: {words}"
+        return Step("rules", FAILED, words if root.whose == "as given" else f"{words}\n{_OTHER_EDITION}")
+    return Step("rules", OK, f"{name} {root.whose}, sha256 {root.rule_set.sha256[:16]}…")
+
+
+_OTHER_EDITION = "if it was scored by another edition of these rules, give that one: --rules FILE"
 
 
 def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
@@ -331,16 +345,17 @@ def _text(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-def _code(result: Result, *, files_run: bool) -> Step:
-    """Which recorded versions are not those installed here."""
+def _code(result: Result, *, files_run: bool, with_log: bool) -> Step:
+    """Which recorded versions are not those installed here; with the log, `recomputed` judges them."""
+    otherwise = NOTE if with_log else OPEN
     if not result.provenance.code:
-        return Step("code", NOTE, "the result does not say which code made it")
+        return Step("code", otherwise, "the result does not say which code made it")
     # Files beside the rule set that run are compared before they do, in a step of their own.
     files = [one for one in result.provenance.code if one.distribution == LOCAL_DISTRIBUTION]
     compared = [one for one in result.provenance.code if not (files_run and one in files)]
     others = [words for each in compared if (words := _other(each))]
     if others:
-        return Step("code", NOTE, "\n".join(others))
+        return Step("code", otherwise, "\n".join(others))
     here = (f"{code.package} ({code.distribution} {code.version})" for code in compared)
     return Step("code", OK, ", ".join(here))
 
@@ -381,10 +396,13 @@ def _other(code: Code) -> str:
     return ""
 
 
-def _adjustments(result: Result, file: Path) -> Step:
+def _adjustments(result: Result, file: Path | None) -> Step:
     """Whether the stewards' file gives the adjusted score of the result."""
     if result.adjusted is None:
         return Step("adjustments", FAILED, "the result is automatic; nobody has adjusted it")
+    if file is None:
+        words = "the decisions are the word of the file alone; --adjustments FILE compares them"
+        return Step("adjustments", OPEN, words)
     loaded = load_adjustments(file)
     try:
         again, _ = adjust(result.automatic, loaded, measured=measured_sha256(result.automatic))
@@ -394,216 +412,37 @@ def _adjustments(result: Result, file: Path) -> Step:
         return Step(
             "adjustments", OK, f"the decisions are those of {file.name}, sha256 {loaded.sha256[:16]}…"
         )
-    found = _differences(json.loads(as_json(result)), json.loads(as_json(again)))
-    return Step("adjustments", FAILED, _listed(found, "in the result", f"by {file.name}"))
+    found = differences(json.loads(as_json(result)), json.loads(as_json(again)))
+    return Step("adjustments", FAILED, listed(found, "in the result", f"by {file.name}"))
+
+
+def _cohort(result: Result, file: Path | None) -> Step:
+    """Whether the values across teams that it was priced with are the published ones."""
+    if file is None:
+        words = (
+            "values across teams are the word of the file alone; --cohort FILE compares them, "
+            "--log COMPETITION computes them again"
+        )
+        return Step("cohort", OPEN, words)
+    own = rule_set_from_text(result.rules, file="the rules in the result")
+    values = load_cohort(file, own).of_trial(result.measured.trial, result.measured)
+    stated = {name: found for name, found in result.cohort.values.items() if name in own.sheet.cohort}
+    if (values.values, values.sha256) != (stated, result.cohort.sha256):
+        found = differences({**stated}, {**values.values})
+        words = listed(found, "in the result", f"in {file.name}") or "its hash is another one"
+        return Step("cohort", FAILED, words)
+    if len(stated) < len(result.cohort.values):
+        return Step("cohort", OPEN, "what other runs of the team did: --log COMPETITION computes it again")
+    return Step("cohort", OK, f"the values across teams are those of {file.name}")
 
 
 # With its log --------------------------------------------------------------------------
 
 
-def _rule_set_for(result: Result, given: RuleSet | None, *, required: bool) -> RuleSet:
-    """The rules to compute by: the required ones, else those in the result."""
+def _rule_set_for(result: Result, root: _Root | None) -> RuleSet:
+    """The rules to compute by: those that are given, else those in the result."""
     own = rule_set_from_text(result.rules, file="the rules in the result")
     # An installed rule set of the same text may lie in a folder with files that its log map names.
-    if given is not None and (required or expanded_yaml(given) == expanded_yaml(own)):
-        return given
-    return replace(own, sha256=result.provenance.rule_set.sha256)
-
-
-def _again(
-    stored: Result,
-    log: Path,
-    rule_set: RuleSet,
-    log_map: str,
-    registry: Registry,
-    also: Sequence[Path],
-) -> Result:
-    """The result computed again, with the values across teams it was priced with."""
-    competition = _competition(log, rule_set)
-    if competition is None:
-        result = score_trial(log, rule_set, log_map=log_map, registry=registry, also=also)
-    else:
-        run = _run_of(stored, competition)
-        configs = [t.config for t in competition.trials if t.id == run.trial]
-        configs += [t.config for t in competition.teams if t.id == run.team]
-        result = score_trial(
-            run.path,
-            rule_set,
-            log_map=log_map,
-            registry=registry,
-            also=[config for config in configs if config is not None],
-            work_by=work_by_of(competition, rule_set.authority),
-            root=competition.root,
-            trial_id=run.trial,
-            team=run.team,
-        )
-    return reprice(result, rule_set, stored.cohort) if stored.cohort.values else result
-
-
-def _competition(log: Path, rule_set: RuleSet) -> Competition | None:
-    """The competition at a path, where there is one."""
-    # Cheap signs first: loading lists every run, and most logs are no competition.
-    if log.name != FILE and not (log / FILE).is_file() and not (log / "logs").is_dir():
-        return None
-    try:
-        return load_competition(log, rule_set.id)
-    except (NothingToScoreError, UsageError):
-        return None
-
-
-def _run_of(stored: Result, competition: Competition) -> Run:
-    """The run of a competition that a result is of, by the names of its files."""
-    names = [source.name for source in stored.provenance.inputs]
-    for run in competition.runs:
-        own = run.path.relative_to(competition.root).as_posix()
-        if any(name == own or name.startswith(f"{own}/") for name in names):
-            return run
-    raise NothingToScoreError(
-        f"the competition has no run with {', '.join(names[:3]) or 'its files'}",
-        file=competition.file,
-        hint="give the log of the run itself as --log",
-    )
-
-
-def _as_it_was_read(stored: Result, again: Result) -> tuple[Result, list[Step]]:
-    """The new result with the sources of the stored one where that read only parts of files, and a note."""
-    parts = {(s.role, s.name, s.bytes): s for s in stored.provenance.inputs if s.read_bytes is not None}
-    inputs = tuple(parts.get((s.role, s.name, s.bytes), s) for s in again.provenance.inputs)
-    words = [
-        f"{name}: {source.read_bytes} of {size} bytes were read; that they are those of this file shows only"
-        " what was found in them"
-        for (_, name, size), source in parts.items()
-    ]
-    steps = [Step("parts", NOTE, "\n".join(words))] if words else []
-    return replace(again, provenance=replace(again.provenance, inputs=inputs)), steps
-
-
-def _inputs(result: Result, again: Result) -> Step:
-    """Whether the files are those the result was made from."""
-    then, now = ({(s.role, s.name): s.sha256 for s in each.provenance.inputs} for each in (result, again))
-    words = [
-        f"{role} {name}: {why}"
-        for (role, name) in dict.fromkeys([*then, *now])
-        if (why := _file_difference(then.get((role, name)), now.get((role, name))))
-    ]
-    if words:
-        return Step("log", FAILED, "\n".join(words[:SHOWN]))
-    return Step("log", OK, ", ".join(f"{name}, sha256 {sha[:16]}…" for (_, name), sha in then.items()))
-
-
-def _file_difference(then: str | None, now: str | None) -> str:
-    if then == now:
-        return ""
-    if then is None:
-        return "was not there when the result was made"
-    return "is not there" if now is None else f"another file: sha256 {then[:16]}…, here {now[:16]}…"
-
-
-def _recomputed(stored: Result, again: Result) -> Step:
-    recorded = bool(stored.provenance.code)
-    if not recorded:  # then it claims nothing of the code that could be wrong
-        again = replace(again, provenance=replace(again.provenance, code=()))
-    before, after = as_json(stored), as_json(again)
-    if before == after and recorded:
-        return Step("recomputed", OK, "the same to the byte")
-    if before == after:
-        return Step("recomputed", NOTE, "the same to the byte; the code that made it is not recorded")
-    found = _differences(json.loads(before), json.loads(after))
-    values = [each for each in found if not _is_record(each[0], stored)]
-    words = (
-        _listed(values, "in the result", "computed again")
-        if values
-        else f"the same score, {'task score' if stored.is_former else 'ledger'} and findings"
-        + ("; the result does not keep its settings" if stored.measured.settings is None else "")
-    )
-    versions = list(_versions(stored.provenance, again.provenance))
-    if stored.is_former and not values and not versions:
-        return Step("recomputed", NOTE, words)
-    return Step("recomputed", FAILED, "\n".join([words, *versions]))
-
-
-def _is_record(place: _Place, stored: Result) -> bool:
-    """Whether a difference is about how a result came about, and not about what was found."""
-    # Without settings a result is of a version before they were kept, or they were removed from it.
-    if place[:2] == ("measured", "settings"):
-        return stored.measured.settings is None
-    if place[:2] == ("measured", "statements"):  # nor was it said whose statements it rests on
-        return not stored.measured.statements
-    if stored.is_former and _is_of_method(place):
-        return True
-    # Units of quantities were not kept before `result/2`; the ledger, which rests on them, is compared.
-    is_unit = place[:2] == ("measured", "findings") and place[3:4] == ("units",)
-    return place[:1] == ("provenance",) or is_unit
-
-
-def _is_of_method(place: _Place) -> bool:
-    """Whether a difference is about how the ledger is taken apart, and not about what it adds up to."""
-    inside = place[:1] in (("ledger",), ("task",)) and place[1:2] not in ((), ("amount",))
-    return (
-        inside
-        or place == ("ledger_method",)
-        or place[:2] in (("measured", "measures"), ("measured", "watched"))
-    )
-
-
-def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
-    """The rules and packages that differ between a result and its computation now."""
-    for what, one, other in (
-        ("rule set", stored.rule_set, again.rule_set),
-        ("log map", stored.log_map, again.log_map),
-    ):
-        if one != other:
-            found = f"{one.id}, sha256 {one.sha256[:16]}…; here {other.id}, sha256 {other.sha256[:16]}…"
-            yield f"another {what}: {found}"
-    then, here = (
-        {(c.distribution, c.package): (c.version, c.sha256) for c in each.code} for each in (stored, again)
-    )
-    for distribution, package in dict.fromkeys([*then, *here]):
-        before, after = then.get((distribution, package)), here.get((distribution, package))
-        if before != after:
-            words = [
-                "nothing" if each is None else f"version {each[0]}, sha256 {each[1][:16]}…"
-                for each in (before, after)
-            ]
-            yield f"another {package} of {distribution}: {words[0]}; here {words[1]}"
-    if stored.ignored != again.ignored:
-        yield "other files were passed over"
-
-
-_Place = tuple[str | int, ...]
-"""Keys and indices from the root of a document."""
-
-
-def _differences(first: Any, second: Any) -> list[tuple[_Place, Any, Any]]:
-    """Where two documents differ: place, first value, second value; `None` where one has none."""
-    return list(_different(first, second, ()))
-
-
-def _different(first: Any, second: Any, place: _Place) -> Iterator[tuple[_Place, Any, Any]]:
-    if isinstance(first, Mapping) and isinstance(second, Mapping):
-        for key in dict.fromkeys([*first, *second]):
-            yield from _different(first.get(key), second.get(key), (*place, key))
-    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
-        for i, (one, other) in enumerate(zip(first, second, strict=True)):
-            yield from _different(one, other, (*place, i))
-    elif first != second:
-        yield place, first, second
-
-
-def _place_text(place: _Place) -> str:
-    return "$" + "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in place)
-
-
-def _listed(found: Sequence[tuple[_Place, Any, Any]], first: str, second: str) -> str:
-    lines = [
-        f"{_place_text(place)}: {_short(one)} {first}, {_short(other)} {second}"
-        for place, one, other in found[:SHOWN]
-    ]
-    return "\n".join([*lines, *([f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else [])])
-
-
-def _short(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 60 else f"{text[:59]}…"
+    if root is not None and (root.whose != "as installed" or root.rule_set.text == own.text):
+        return root.rule_set
+    return own

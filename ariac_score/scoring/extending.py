@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -89,13 +88,11 @@ def expanded_document(path: Path, below: tuple[Path, ...], registry: Registry) -
     note_origin(base.data, GROUP, base_name, registry)
     base.data["log_map"] = _named_from(path, base.file, base.data["log_map"])
     base.data["include"] = [_named_from(path, base.file, name) for name in base.data.get("include", [])]
-    # The hash covers the base, or an edit there would change scores under an unchanged hash.
-    both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
-    return replace(document, data=_merged(base.data, document.data), sha256=both)
+    return replace(document, data=_merged(base.data, document.data))
 
 
 def _with_audit(document: YamlDocument) -> YamlDocument:
-    """The document with what the file for auditors says that it names; its hash covers both."""
+    """The document with what the file for auditors says that it names."""
     data = dict(document.data)
     name = data.pop("audit", None)
     if name is None:
@@ -119,7 +116,6 @@ def _with_audit(document: YamlDocument) -> YamlDocument:
     return replace(
         document,
         data={**data, **audit.data},
-        sha256=hashlib.sha256(f"{document.sha256} audits {audit.sha256}".encode()).hexdigest(),
         lines={**document.lines, **{path: line for path, line in audit.lines.items() if path}},
         files=dict.fromkeys(audit.data, audit.file),
     )
@@ -142,20 +138,18 @@ def _refuse_local_of_elsewhere(base: YamlDocument, document: YamlDocument) -> No
 
 
 def _with_texts(document: YamlDocument) -> YamlDocument:
-    """The document with the text of every file that a parameter names, in its place and in the hash.
+    """The document with the text of every file that a parameter names in its place.
 
     So the file counts as part of the rule set: a result holds it, and changes with it.
     """
-    sha256 = document.sha256
     for key in ("rules", "monitors"):
         for name, body in document.data.get(key, {}).items():
             for parameter, value in body.get("with", {}).items():
                 if isinstance(value, str) and _is_text_file(value):
-                    text = _text_of(document, (key, name, "with", parameter), value.strip())
-                    body["with"][parameter] = text
-                    own = hashlib.sha256(text.encode("utf-8")).hexdigest()
-                    sha256 = hashlib.sha256(f"{sha256} reads {own}".encode()).hexdigest()
-    return replace(document, sha256=sha256)
+                    body["with"][parameter] = _text_of(
+                        document, (key, name, "with", parameter), value.strip()
+                    )
+    return document
 
 
 def _is_text_file(value: str) -> bool:

@@ -8,7 +8,6 @@ parameter that the rule set has itself stays its own.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,7 +43,6 @@ class Penalty:
         in_words: Its formula in words.
         terms: Formulas, or templates that are written for each safety check.
         parameters: Named numbers, as its file states them.
-        sha256: Of its file and that of the classes.
         classes: By class what a violation weighs, and what the class is.
     """
 
@@ -54,7 +52,6 @@ class Penalty:
     in_words: str
     terms: Mapping[str, Any]
     parameters: Mapping[str, Any]
-    sha256: str
     classes: Mapping[str, NamedParameter] = field(default_factory=dict)
 
 
@@ -95,7 +92,6 @@ def load_penalty(name: str, *, folder: Path) -> Penalty:
         in_words=data["in_words"],
         terms=data["terms"],
         parameters=data.get("parameters", {}),
-        sha256=hashlib.sha256(f"{document.sha256} weighs {classes.sha256}".encode()).hexdigest(),
         classes=named_parameters(classes.data["weights"]),
     )
 
@@ -149,9 +145,7 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     data["parameters"] = _parameters(document, penalty, charged, safety.get("scale", 1))
     data["terms"] = {**data.get("terms", {}), "trial": _terms(document, penalty, charged)}
     data["score"] = _FINAL
-    # The words between the hashes keep `includes` and `extends` of the same two files apart.
-    sha256 = hashlib.sha256(f"{document.sha256} includes {penalty.sha256}".encode()).hexdigest()
-    return replace(document, data=data, sha256=sha256)
+    return replace(document, data=data)
 
 
 def _checks_of(safety: Mapping[str, Any] | None) -> dict[str, Any]:

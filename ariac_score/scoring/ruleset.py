@@ -158,7 +158,6 @@ class RuleSet:
         sheet: What findings are worth.
         digits: Decimal digits of the score.
         file: Where it was loaded from.
-        sha256: Hash of the file, of those it extends or includes, and of texts that parameters name.
         expanded: The whole as plain values, after `extends` and `include`.
         ranking: How runs become a ranking, as in the file; empty when it does not say.
         competition: Whose work it judges, with the parameters of that; `None` when the file does not say.
@@ -183,7 +182,6 @@ class RuleSet:
     sheet: ScoreSheet
     digits: int
     file: str
-    sha256: str
     expanded: Mapping[str, Any] = field(default_factory=dict, repr=False)
     ranking: Mapping[str, Any] = field(default_factory=dict)
     competition: Check | None = None
@@ -202,6 +200,11 @@ class RuleSet:
     def text(self) -> str:
         """The whole as YAML, after `extends` and `include`."""
         return yaml.safe_dump(dict(self.expanded), sort_keys=False, allow_unicode=True, width=100)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of `text`, so of all it extends, includes and names; a result holds both."""
+        return hashlib.sha256(self.text.encode("utf-8")).hexdigest()
 
     @cached_property
     def authority(self) -> Authority:
@@ -368,12 +371,10 @@ class RuleSet:
         return self._again(data, {**self.given, name: plugin})
 
     def _again(self, data: dict[str, Any], given: Mapping[str, GivenPlugin]) -> RuleSet:
-        """The rule set that other data make; its hash covers what it was made from, and what changed."""
+        """The rule set that other data make."""
         document = YamlDocument(data, self.file, "", {})
         validate(document, "ruleset", error=RuleSetError)
-        text = yaml.safe_dump(data, sort_keys=True, allow_unicode=True)
-        sha256 = hashlib.sha256(f"{self.sha256} changed {text}".encode()).hexdigest()
-        return replace(_parsed(replace(document, sha256=sha256)), given=given)
+        return replace(_parsed(document), given=given)
 
 
 @lru_cache(maxsize=1)
@@ -593,7 +594,6 @@ def _parsed(written: YamlDocument) -> RuleSet:
         sheet=sheet,
         digits=data.get("round", 6),
         file=document.file,
-        sha256=document.sha256,
         expanded=written.data,
         tables=tuple(tables_of(written.data)),
         ranking=data.get("ranking", {}),

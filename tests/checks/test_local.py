@@ -380,7 +380,7 @@ def test_verifying_without_the_permission_says_what_made_it_and_refuses_to_run_i
 ) -> None:
     alone = verify_result(stored)
 
-    assert alone.holds
+    assert alone.steps_that_are("open") == ("rules", "code", "log")
     assert any("./ours.py beside the rule set made it" in step.words for step in alone.steps)
     assert main(["verify", str(stored), "--log", str(LOG), "--rules", str(rules)]) == 4
     assert "the caller does not allow that" in capsys.readouterr().err

@@ -284,7 +284,9 @@ def test_a_changed_rule_set_stands_in_the_result_with_a_hash_of_its_own(tmp_path
     stored = tmp_path / "result.json"
     write_output(as_json(result), str(stored))
     assert load_result(str(stored)).score == result.score
-    assert verify_result(stored, log=LOG).holds  # the rules in the result are what it was scored by
+    (tmp_path / "swept.yaml").write_text(result.rules, encoding="utf-8")
+    assert verify_result(stored, log=LOG, rules=str(tmp_path / "swept.yaml")).holds
+    assert verify_result(stored, log=LOG).steps_that_are("failed") == ("rules",)  # a published name
 
 
 @pytest.mark.parametrize(
@@ -429,7 +431,7 @@ def test_a_result_of_a_notebook_keeps_its_sums_but_nobody_can_measure_it_again(t
     write_output(as_json(score_trial(LOG, with_told(Told))), stored)
 
     alone = verify_result(stored)
-    assert alone.holds
+    assert alone.steps_that_are("open") == ("code", "log")
     assert any("the class Told, given in Python, made it" in step.words for step in alone.steps)
     with pytest.raises(LocalPluginError, match="was a class in somebody's Python"):
         verify_result(stored, log=LOG)

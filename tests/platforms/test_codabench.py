@@ -258,7 +258,7 @@ def test_a_broken_scorer_is_a_failure_and_never_a_score(
     elif damage == "no rules":
         (inputs / "ref/ruleset.yaml").write_text("id: [", encoding="utf-8")
     elif damage == "other schema":
-        phase.write_text(phase.read_text().replace("phase/1", "phase/9"), encoding="utf-8")
+        phase.write_text(phase.read_text().replace("phase/2", "phase/9"), encoding="utf-8")
     elif damage in ("no log map", "no such plugin"):
         rules = inputs / "ref/ruleset.yaml"
         old, new = {
@@ -411,6 +411,18 @@ def test_reference_data_of_the_version_before_are_read(tmp_path: Path) -> None:
 
     assert (phase.name, [trial.id for trial in phase.trials]) == ("practice", ["kit"])
     assert phase.setting.limits == Limits(300.0, 1 << 30, 1 << 20)
+
+
+def test_reference_data_whose_rules_were_edited_under_their_hash_are_refused(tmp_path: Path) -> None:
+    inputs = reference(tmp_path / "input", "kit")
+    rules = inputs / "ref/ruleset.yaml"
+    text = rules.read_text(encoding="utf-8")
+    load_phase(inputs / "ref")
+    assert "round: 0" in text
+    rules.write_text(text.replace("round: 0", "round: 3"), encoding="utf-8")
+
+    with pytest.raises(UsageError, match="the rules have SHA-256"):
+        load_phase(inputs / "ref")
 
 
 def test_reference_data_with_a_fault_name_its_place(tmp_path: Path) -> None:

@@ -243,8 +243,9 @@ def test_a_worker_with_a_fault_of_the_organiser_takes_no_submission(
     setting = BatchSetting.of(rules, Limits(60.0, 0))
     place = tmp_path / "reference"
     place.mkdir()
-    (place / "phase.json").write_text(phase_text("finals", setting, {"kit": ""}), encoding="utf-8")
     other = setting.rules.replace("log_map: ariac2020", "log_map: ./ours.yaml")
+    setting = replace(setting, rules=other)
+    (place / "phase.json").write_text(phase_text("finals", setting, {"kit": ""}), encoding="utf-8")
     (place / "ruleset.yaml").write_text(other, encoding="utf-8")
     server = f"http://127.0.0.1:{platform.server_address[1]}"
     settings = {"AUTH_TOKEN": "secret", "API_SERVER": server, "QUEUE_NAME": "q", "CHALLENGE_PK": "1"}

@@ -87,8 +87,8 @@ def test_without_its_log_a_result_holds_in_itself_alone(
     stored = scored(tmp_path, "trial.pace")
     again = ["--log", str(tmp_path / "run.jsonl"), "--rules", str(tmp_path / "rules.yaml")]
 
-    assert main(["verify", str(stored)]) == 0
-    assert capsys.readouterr().out.endswith("it holds in itself; --log checks it against its log\n")
+    assert main(["verify", str(stored)]) == 8
+    assert "\nconsistent in itself; not compared with a log" in capsys.readouterr().out
     assert main(["verify", str(stored), *again]) == 0
     assert capsys.readouterr().out.endswith("\nit holds\n")
     assert not verify_result(stored).computed_again

@@ -16,8 +16,8 @@ from ariac_score.review.sensitivity_file import load_rank_sensitivity, sensitivi
 from ariac_score.scoring.ruleset import draft_rule_set
 
 RULES = draft_rule_set("{id: r, title: T, source: a test, log_map: none, score: 1}", file="rules.yaml")
-RULES = replace(RULES, sha256="5" * 64)
-PINNED = Pinned("r", "5" * 64)
+RULES.__dict__["sha256"] = "5" * 64  # as in the text that was published
+PINNED = Pinned("r", RULES.sha256)
 KNOB = Knob("near.limit_m", 1.0, 0.5, 2.0, declared=True, check="near")
 RANKS = [
     RankSensitivity(KNOB, (RankShift(1.25, {"a": 1, "b": None}, {"a": 2, "b": 1}),)),

@@ -71,7 +71,10 @@ def test_the_hash_of_a_rule_set_covers_what_it_extends(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(Path(load_rule_set("paper2020").file).read_text())
     mine = _file(tmp_path, HEAD.replace("extends: paper2020", "extends: ./base.yaml"))
     before = load_rule_set(mine).sha256
-    (tmp_path / "base.yaml").write_text((tmp_path / "base.yaml").read_text() + "# changed\n")
+    text = (tmp_path / "base.yaml").read_text()
+    (tmp_path / "base.yaml").write_text(text + "# a comment changes nothing\n")
+    assert load_rule_set(mine).sha256 == before
+    (tmp_path / "base.yaml").write_text(text.replace("delta_m: 2.6", "delta_m: 2.7"))
 
     assert load_rule_set(mine).sha256 != before
 

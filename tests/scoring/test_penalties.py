@@ -167,7 +167,7 @@ def test_the_hash_covers_the_penalty(tmp_path: Path) -> None:
     _file(tmp_path, text, "ours.yaml")
     mine = _file(tmp_path, HEAD + "include: [ours.yaml]\n" + SAFETY)
     before = load_rule_set(mine).sha256
-    _file(tmp_path, text + "# changed\n", "ours.yaml")
+    _file(tmp_path, text.replace("holds(CHECK)", "holds(CHECK) * 1"), "ours.yaml")
 
     assert load_rule_set(mine).sha256 != before
 
