@@ -97,7 +97,8 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     rule_set = load_rule_set(competition.rules)
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     if not competition.runs and not competition.refused:
-        note(arguments, "no run was found, so the site has no ranks yet: 'rank' says where runs are looked for")
+        words = "no run was found, so the site has no ranks yet: 'rank' says where runs are looked for"
+        note(arguments, words)
     previous = _previous(arguments)
     grid = _grid(arguments, competition, rule_set)
     with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:

@@ -47,7 +47,8 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
     if asked and lacks:
         raise LogError(f"it is not what its recorder received: {lacks[0]}", file=trial.id, hint=_RECORD)
     open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
-    noted = [f"its recorder noted: {note}" for _, found in trial.attestations if found for note in found.notes]
+    attested = [found for _, found in trial.attestations if found]
+    noted = [f"its recorder noted: {note}" for found in attested for note in found.notes]
     statement = (
         Statement("completeness", NOBODY, detail="; ".join(open_ + noted))
         if open_

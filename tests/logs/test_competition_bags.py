@@ -390,8 +390,9 @@ def test_a_faulty_product_on_the_tray_earns_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("messages_of_2021")
 def test_contents_that_are_too_old_leave_the_score_open_and_the_worst_end_counts(tmp_path: Path) -> None:
-    # At most as above 8 for the right products, and one of a wrong colour in each of two places, each of which
-    # the simulator counts for both types: 4; of priority 3: 36. No tray has both, so this end is an outer bound.
+    # At most as above 8 for the right products, and one of a wrong colour in each of two places, each of
+    # which the simulator counts for both types: 4; of priority 3: 36. No tray has both, so this end is an
+    # outer bound.
     result = scored_2021(tmp_path, trays_2021(18.9, PUMP_RED, BATTERY_BLUE))
 
     assert (result.status, result.score, result.is_open) == ("scored", 0, True)

@@ -815,7 +815,8 @@ def test_the_commands_say_what_they_did(
     (tmp_path / "kit_1").mkdir()
     (tmp_path / "kit_1/trial.jsonl").write_text(log_text, encoding="utf-8")
     head = ["platform", "codabench"]
-    bundle_arguments = ["--rules", RULES, "--unattested", "--title", "P", "--image", IMAGE, "--start", "2026-09-01"]
+    bundle_arguments = ["--rules", RULES, "--unattested", "--title", "P", "--image", IMAGE]
+    bundle_arguments += ["--start", "2026-09-01"]
     zips = [str(tmp_path / name) for name in ("b.zip", "s.zip")]
     assert (
         main([*head, "bundle", *bundle_arguments, "--end", "2026-10-01", "--trial", "kit", "-o", zips[0]])

@@ -1,9 +1,9 @@
 """Laws that types leave open, as questions to a solver: is there any trial that breaks them?
 
 The score is written over real numbers, one for each quantity that the law changes and one for everything that
-it leaves as it is. The solver is asked for numbers that break the law; where there are none, it is proven. All
-that is left out (that counts are whole, that formulas share parts) only gives the solver more freedom: a proof
-stands, and numbers that it does find need be those of no trial, so they refute nothing.
+it leaves as it is. The solver is asked for numbers that break the law; where there are none, it is proven.
+All that is left out (that counts are whole, that formulas share parts) only gives the solver more freedom: a
+proof stands, and numbers that it does find need be those of no trial, so they refute nothing.
 
 The solver is z3 (the extra `prove`). Its effort is limited by steps, not by time, so that every machine finds
 the same.
