@@ -183,6 +183,7 @@ def messages_of(name: str, found: RecordedColumns, file: Path) -> AicMessages:
         _log(found, place),
         {topic: _log_times(found, topic) for topic in COMMANDS if topic in found.topics},
         _repeats(found),
+        _log_times(found, CONTACTS),
     )
 
 

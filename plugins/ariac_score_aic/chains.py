@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ariac_score import FloatArray
 from ariac_score_aic.messages import SCORING_STATIC, SCORING_TF, TF, TF_STATIC, IntArray, Transforms
 from ariac_score_aic.transforms import (
+    IDENTITY,
     NORM_TOLERANCE,
     DynamicFrame,
     StaticFrame,
@@ -84,6 +85,27 @@ def relevant(transforms: Transforms, frames: Iterable[str]) -> Transforms:
         before = int(wanted.sum())
         wanted[edges[wanted[edges[:, 0]], 1]] = True
     return _picked(transforms, wanted[transforms.child])
+
+
+def with_link(transforms: Transforms, parent: str, child: str) -> Transforms:
+    """The transforms, and after all of them a static one that puts a frame where its parent is."""
+    names = dict.fromkeys((*transforms.names, parent, child))
+    topics = dict.fromkeys((*transforms.topics, TF_STATIC))
+    places = list(names)
+    last = int(transforms.order[-1]) + 1 if len(transforms) else 1
+    added = {
+        "order": last,
+        "topic": list(topics).index(TF_STATIC),
+        "stamp_ns": 0,
+        "parent": places.index(parent),
+        "child": places.index(child),
+    }
+    columns = {
+        name: np.append(getattr(transforms, name), np.int64(value)).astype(np.int64)
+        for name, value in added.items()
+    }
+    rows = np.concatenate([transforms.rows, np.array([IDENTITY])])
+    return Transforms(**columns, rows=rows, topics=tuple(topics), names=tuple(names))
 
 
 def statics(transforms: Transforms, feed: Feed) -> NDArray[np.bool_]:
@@ -329,6 +351,32 @@ def _turned(v: FloatArray, q: FloatArray) -> FloatArray:
     return _product(_product(q, wide), q * [-1.0, -1.0, -1.0, 1.0])[:, :3]
 
 
+def _at_stamps(
+    transforms: Transforms,
+    buffer: TransformBuffer,
+    feed: Feed,
+    target: str,
+    source: str,
+    at_ns: IntArray,
+) -> Poses | None:
+    """Poses at given times by whole columns; `None` where these do not show that it is the same."""
+    chosen = relevant(taken(transforms, feed), (target, source))
+    path = _fixed_path(chosen, target, source) if {target, source} <= set(chosen.names) else None
+    if path is None or not path.linked:
+        return None
+    frames = [chosen.names[child] for child in (*path.up, *path.down)]
+    links = [_Link.of(chosen, statics(chosen, feed), child) for child in (*path.up, *path.down)]
+    kept = [buffer.frames.get(name) for name in frames]
+    if not all(link.plain for link in links) or any(frame is None for frame in kept):
+        return None
+    moving = [frame for frame in kept if isinstance(frame, DynamicFrame)]
+    if len(moving) != sum(link.moves for link in links) or any(len(one.stamps_ns) < 2 for one in moving):
+        return None
+    for one in moving:
+        at_ns = at_ns[(at_ns >= one.stamps_ns[0]) & (at_ns <= one.stamps_ns[-1])]
+    return _composed(links, path, at_ns)
+
+
 def lengths_m(position_m: FloatArray) -> FloatArray:
     """The distances between neighbouring positions."""
     if len(position_m) < 2:
@@ -344,7 +392,11 @@ def at_every_stamp(
     heard = np.array(
         [t in feed.topics and t not in (TF_STATIC, SCORING_STATIC) for t in transforms.topics] or [False]
     )
-    asked = np.unique(transforms.stamp_ns[heard[transforms.topic]]).tolist()
+    asked = np.unique(transforms.stamp_ns[heard[transforms.topic]])
+    by_columns = _at_stamps(transforms, buffer, feed, target, source, asked[asked != 0])
+    if by_columns is not None:
+        return by_columns
+    asked = asked.tolist()
     found = [(stamp, buffer.lookup(target, source, stamp)) for stamp in asked if stamp]
     had = [(stamp, placement.position_m) for stamp, placement in found if placement is not None]
     stamps = np.array([stamp for stamp, _ in had], dtype=np.int64)

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ariac_score import (
+    Cause,
     Finding,
     FloatArray,
     Measure,
@@ -17,6 +18,7 @@ from ariac_score import (
     Trial,
     Verdict,
     WorkItem,
+    Worlds,
     check_parameters,
     parameter,
 )
@@ -83,6 +85,31 @@ class TaskTime:
                 "no file says when the task started and ended: add task_times.yaml or scoring.yaml",
                 quantities={"completed": 1.0} if times.completed else {},
             )
+
+    def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one the shortest and the longest time that the recording allows."""
+        consumed = consumed_of(trial)
+        for finding in self.judge(trial, item):
+            yield finding
+            if consumed is None or finding.verdict is not Verdict.INCONCLUSIVE:
+                continue
+            bounds_s = consumed.bounds.duration_s or (0.0, consumed.longest_limit_s)
+            found = [
+                Finding(
+                    item.id,
+                    Verdict.SATISFIED,
+                    f"completed in {word} {time_s:.3f} s",
+                    quantities={"task_time_s": time_s, "completed": 1.0, "timed": 1.0},
+                )
+                for word, time_s in zip(("no less than", "no more than"), bounds_s, strict=True)
+            ]
+            if not consumed.times.completed:
+                # With the longest time, for a task that was not completed took none and must not look quick.
+                gone = {"task_time_s": bounds_s[1], "completed": 0.0, "timed": 0.0}
+                found[1] = Finding(
+                    item.id, Verdict.VIOLATED, "nothing shows that it was completed", quantities=gone
+                )
+            yield Worlds(item.id, (found[0],), (found[1],), (Cause(finding.message),))
 
 
 def _span(consumed: Consumed, start_ns: int | None, end_ns: int | None) -> Span | None:

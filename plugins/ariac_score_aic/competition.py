@@ -23,7 +23,9 @@ from ariac_score_aic.finals import insertions_of
 from ariac_score_aic.messages import AicMessages
 from ariac_score_aic.run_config import PlannedTrial, RunConfig
 from ariac_score_aic.scoring_file import OfficialRun, official_of, times_from
+from ariac_score_aic.signals import NO_HUMAN, with_signals
 from ariac_score_aic.task_times import TaskTimes, TimesOfRun
+from ariac_score_aic.time_bounds import times_of_log
 
 __all__ = ["Aic"]
 
@@ -118,10 +120,27 @@ class Aic:
         name = planned.id if planned else _named(messages, official, stated)
         times, notes = _times(name, official, stated)
         if messages is not None:
+            if times.completed is None:
+                logged = times_of_log(messages)
+                times = (
+                    times
+                    if logged is None
+                    else replace(logged, start_ns=times.start_ns, start_known=times.start_known)
+                )
             connections = planned.connections[: 2 if self.ends == "both" else 1] if planned else ()
             limit_s = config.longest_limit_s if config else _DEFAULT_LIMIT_S
-            consumed = Consumed(messages, self.consumption, connections, times, limit_s, name)
-            trial = replace(trial, records=(*trial.records, consumed))
+            consumed = Consumed(
+                messages,
+                self.consumption,
+                connections,
+                times,
+                limit_s,
+                name,
+                by_engine=_BAG.fullmatch(messages.name) is not None,
+            )
+            trial = with_signals(replace(trial, records=(*trial.records, consumed)), consumed)
+            if self.ends != "finals":  # in a real cell there may be people whom no topic shows
+                trial = replace(trial, witnessed=trial.witnessed | {NO_HUMAN})
         shown = official_of(official, name) if official else None
         if official is not None and shown is None and messages is not None:
             notes = (*notes, _other_run(name, official))

@@ -10,7 +10,15 @@ from typing import ClassVar
 import numpy as np
 
 from ariac_score import FloatArray, Record, Trial
-from ariac_score_aic.chains import Feed, Poses, at_every_stamp, final_buffer, lengths_m, poses_while_reading
+from ariac_score_aic.chains import (
+    Feed,
+    Poses,
+    at_every_stamp,
+    final_buffer,
+    lengths_m,
+    poses_while_reading,
+    with_link,
+)
 from ariac_score_aic.messages import (
     SCORING_STATIC,
     SCORING_TF,
@@ -18,16 +26,21 @@ from ariac_score_aic.messages import (
     TF_STATIC,
     AicMessages,
     IntArray,
+    Transforms,
     Wrenches,
 )
 from ariac_score_aic.run_config import Connection
 from ariac_score_aic.task_times import TaskTimes
-from ariac_score_aic.transforms import IDENTITY, TransformBuffer, conjugate, turned
+from ariac_score_aic.time_bounds import Between, TimeBounds, bounds_of, span_ns
+from ariac_score_aic.transforms import TransformBuffer, conjugate, turned
 
 __all__ = ["Consumed", "Consumption", "Plug", "consumed_of"]
 
 _MARGIN_S = 5.0
 """By so much the buffer outlasts the longest time limit. Source: `aic_engine.cpp`, 1318 (PR 218)."""
+
+_MOST_MOMENTS = 200
+"""At so many moments it is looked where a plug can have been when the task began or ended."""
 
 Vector = tuple[float, float, float]
 
@@ -51,11 +64,15 @@ class Consumption:
 
 @dataclass(frozen=True)
 class Plug:
-    """Where a plug, its port and the port's entrance are, m, in the reference frame; `None`: not had."""
+    """Where a plug, its port and the port's entrance are, m, in one frame; `None`: not had.
+
+    `turn_rad` is by how much the plug is turned against its port, where that is looked at.
+    """
 
     plug_m: Vector | None
     port_m: Vector | None
     entrance_m: Vector | None
+    turn_rad: float = 0.0
 
     @property
     def distance_m(self) -> float | None:
@@ -80,6 +97,7 @@ class Consumed(Record):
         longest_limit_s: The longest time limit of the run, s.
         trial_id: Of the trial.
         later_s: By how much times of the trial are later than those since the recording began, s.
+        by_engine: Whether the engine made the recording, by its name.
     """
 
     timed: ClassVar[bool] = False
@@ -91,6 +109,7 @@ class Consumed(Record):
     longest_limit_s: float
     trial_id: str
     later_s: float = 0.0
+    by_engine: bool = True
 
     def shifted(self, by_s: float) -> Consumed:
         """The same recording in a trial whose times are later."""
@@ -103,6 +122,11 @@ class Consumed(Record):
         static = (SCORING_STATIC,) if self.how.scoring_static else ()
         buffer_ns = round((self.longest_limit_s + _MARGIN_S) * 1e9)
         return Feed(buffer_ns, part, (TF, TF_STATIC, SCORING_TF, *static))
+
+    @cached_property
+    def bounds(self) -> TimeBounds:
+        """Between which times the task began and ended, stated or not."""
+        return bounds_of(self.messages, self.times, by_engine=self.by_engine)
 
     @cached_property
     def cable(self) -> str:
@@ -119,13 +143,16 @@ class Consumed(Record):
 
     @cached_property
     def buffer(self) -> TransformBuffer:
-        """The transforms after all is read, with the link of the world that is added then."""
+        """The transforms after all is read."""
         wanted = [name for connection in self.connections for name in self.frames_of(connection)]
         names = (*wanted, self.how.gripper_frame, self.how.reference_frame, "world")
-        buffer = final_buffer(self.messages.transforms, self.feed, names)
-        if not self.how.both_ends:
-            buffer.set("world", self.how.reference_frame, 0, IDENTITY, static=True)
-        return buffer
+        return final_buffer(self.linked, self.feed, names)
+
+    @cached_property
+    def linked(self) -> Transforms:
+        """The transforms of the recording, with the link of the world that is added when all is read."""
+        recorded = self.messages.transforms
+        return recorded if self.how.both_ends else with_link(recorded, "world", self.how.reference_frame)
 
     @cached_property
     def poses(self) -> Poses:
@@ -133,7 +160,21 @@ class Consumed(Record):
         target, source = self.how.reference_frame, self.how.gripper_frame
         if self.how.poses_while_reading:
             return poses_while_reading(self.messages.transforms, self.feed, target, source)
-        return at_every_stamp(self.messages.transforms, self.buffer, self.feed, target, source)
+        return self.poses_after
+
+    @cached_property
+    def poses_after(self) -> Poses:
+        """The poses of the gripper at every stamp of the tf topics, asked for when all is read."""
+        return self.places_of(self.how.gripper_frame)
+
+    def places_of(self, frame: str) -> Poses:
+        """Where a frame is in the reference frame, at every stamp of the tf topics."""
+        return at_every_stamp(self.linked, self.buffer, self.feed, self.how.reference_frame, frame)
+
+    @cached_property
+    def span_ns(self) -> Between:
+        """The first and the last header stamp of what is sent all the time."""
+        return span_ns(self.messages)
 
     @cached_property
     def path_length_m(self) -> float:
@@ -163,7 +204,8 @@ class Consumed(Record):
 
     def plug_at(self, connection: Connection, stamp_ns: int) -> Plug:
         """Where the plug and its port are at a time, 0 for the latest."""
-        return Plug(*(self._position(name, stamp_ns) for name in self.frames_of(connection)))
+        plug, port, entrance = (self._position(name, stamp_ns) for name in self.frames_of(connection))
+        return Plug(plug, port, entrance)
 
     def _position(self, frame: str, stamp_ns: int) -> Vector | None:
         found = self.buffer.lookup(self.how.reference_frame, frame, stamp_ns)
@@ -174,6 +216,14 @@ class Consumed(Record):
         # Until PR 234 it took the reference in the frame for the frame in the reference.
         x, y, z = found.position_m
         return turned((-x, -y, -z), conjugate(found.turn_xyzw))
+
+    def stamps_between(self, between: Between) -> list[int]:
+        """The moments of a stretch at which transforms were stamped, with its ends; some of too many."""
+        first_ns, last_ns = between
+        stamps = np.unique(self.messages.transforms.stamp_ns)
+        inside = stamps[(stamps > first_ns) & (stamps < last_ns)]
+        step = max(len(inside) // _MOST_MOMENTS, 1)
+        return sorted({first_ns, *inside[::step].tolist(), last_ns})
 
     def first_distance_m(self, connection: Connection) -> float | None:
         """The earliest distance from plug to port that is had."""

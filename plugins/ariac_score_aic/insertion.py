@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar, Literal
 
-from ariac_score import Finding, Measure, Trial, Verdict, WorkItem, check_parameters, parameter
+from ariac_score import (
+    Cause,
+    Finding,
+    Measure,
+    Trial,
+    Verdict,
+    WorkItem,
+    Worlds,
+    check_parameters,
+    parameter,
+)
 from ariac_score_aic.checks import NO_RECORDING
 from ariac_score_aic.consumption import Consumed, Plug, consumed_of
 from ariac_score_aic.run_config import Connection
@@ -76,6 +87,37 @@ class StartDistance:
             return
         distance_m, words = found
         yield Finding(item.id, Verdict.SATISFIED, words, quantities={"start_distance_m": distance_m})
+
+    def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one the longest and the shortest distance that it can have been."""
+        consumed = consumed_of(trial)
+        for finding in self.judge(trial, item):
+            yield finding
+            connection = connection_of(consumed, item) if consumed else None
+            if consumed is None or connection is None or finding.verdict is not Verdict.INCONCLUSIVE:
+                continue
+            distances_m = _start_distances_m(consumed, connection)
+            if distances_m:
+                # The longer, the better: less of the way counts.
+                least, most = (
+                    Finding(
+                        item.id, Verdict.SATISFIED, f"{word} {m:.4f} m", quantities={"start_distance_m": m}
+                    )
+                    for word, m in (("no less than", min(distances_m)), ("no more than", max(distances_m)))
+                )
+                yield Worlds(item.id, (most,), (least,), (Cause(finding.message),))
+
+
+def _start_distances_m(consumed: Consumed, connection: Connection) -> list[float]:
+    """The distances that can have been the first one, as far as the recording shows when the task began."""
+    known = start_distance_m(consumed, connection)
+    if known is not None:
+        return [known[0]]
+    between = consumed.bounds.start_ns
+    if between is None:
+        return []
+    found = (consumed.plug_at(connection, ns).distance_m for ns in consumed.stamps_between(between))
+    return [0.0 if distance is None else distance for distance in found]
 
 
 def start_distance_m(consumed: Consumed, connection: Connection) -> tuple[float, str] | None:
@@ -167,6 +209,47 @@ class Insertion:
         else:
             yield self._completed(consumed, connection, item)
 
+    def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one the best and the worst that can have been when the task ended."""
+        consumed = consumed_of(trial)
+        for finding in self.judge(trial, item):
+            yield finding
+            connection = connection_of(consumed, item) if consumed else None
+            if consumed is None or connection is None or finding.verdict is not Verdict.INCONCLUSIVE:
+                continue
+            found = sorted(self._possible(consumed, connection, item), key=_worth)
+            if found:
+                yield Worlds(item.id, (found[-1],), (found[0],), (Cause(finding.message),))
+
+    def _possible(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Iterator[Finding]:
+        """What could be found if it were known when the task began and ended."""
+        if not consumed.times.completed:
+            yield _found(item, "nothing shows that the task was completed")
+        said = self._event(consumed, connection, item)
+        if said is not None and not self.place_always:
+            yield said
+            return
+        ends = [0]
+        if consumed.how.ends_at_end:
+            between = consumed.bounds.end_ns
+            ends = [] if between is None else consumed.stamps_between(between)
+        distances_m = (
+            [0.0] if self.fixed_radius_m or self.place_always else _start_distances_m(consumed, connection)
+        )
+        radii_m = {self.fixed_radius_m or self.radius_share * one for one in distances_m}
+        for end_ns in ends:
+            plug = self.plug_at(consumed, connection, end_ns)
+            for radius_m in {min(radii_m), max(radii_m)} if radii_m else ():
+                yield self._by_place(item, plug, radius_m, said)
+
+    def plug_at(self, consumed: Consumed, connection: Connection, stamp_ns: int) -> Plug:
+        """Where the plug, its port and the entrance are at a time, 0 for the latest: in axes of the world."""
+        return consumed.plug_at(connection, stamp_ns)
+
+    def is_straight(self, plug: Plug) -> bool:  # noqa: ARG002  # a stricter reading looks at it
+        """Whether the plug is turned so that it can be in its port: as coded however it is."""
+        return True
+
     def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
         said = self._event(consumed, connection, item)
         if said is not None and not self.place_always:
@@ -174,7 +257,7 @@ class Insertion:
         times = consumed.times
         if consumed.how.ends_at_end and times.end_ns is None:
             return Finding.inconclusive(item.id, "no insertion event, and no file says when the task ended")
-        plug = consumed.plug_at(connection, (times.end_ns or 0) if consumed.how.ends_at_end else 0)
+        plug = self.plug_at(consumed, connection, (times.end_ns or 0) if consumed.how.ends_at_end else 0)
         if self.place_always:
             return self._by_place(item, plug, 0.0, said)
         start = start_distance_m(consumed, connection)
@@ -219,7 +302,8 @@ class Insertion:
         reach_m = depth_m + radius_m
         height_m = plug.plug_m[2] - plug.port_m[2]
         aside = [abs(plug.plug_m[axis] - plug.port_m[axis]) for axis in (0, 1)]
-        partial = max(aside) < self.aside_m and plug.plug_m[2] < entrance_m[2] and height_m > -self.below_m
+        beneath = plug.plug_m[2] < entrance_m[2] and height_m > -self.below_m
+        partial = max(aside) < self.aside_m and beneath and self.is_straight(plug)
         near = f"the plug is {distance_m:.4f} m from its port"
         return _found(
             item,
@@ -243,6 +327,16 @@ def _of_end(event: bytes, cable: bytes, number: int) -> bytes:
         if len(parts) == 3 and (parts[0], parts[1]) == (cable, str(number).encode()) and cable
         else b""
     )
+
+
+def _worth(finding: Finding) -> tuple[float, float, float]:
+    """The better of two findings about one plug is the larger."""
+    known = finding.quantities
+    inserted = known["right_port"] - known["wrong_port"]
+    depth_m = known["entrance_height_m"] - known["plug_height_m"]
+    if not known["placed"]:
+        return inserted, 0.0, -inf
+    return inserted, known["partial"], depth_m if known["partial"] else known["within_reach_m"]
 
 
 def _found(item: WorkItem, message: str, **known: float) -> Finding:

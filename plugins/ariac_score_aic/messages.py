@@ -119,6 +119,7 @@ class AicMessages(Record):
         log: The texts of `/rosout`.
         commands_ns: By topic, when commands were recorded.
         repeats: How often a message is in it, where all of one topic are there several times; else 1.
+        contact_ns: When messages of contacts were recorded, empty ones among them.
     """
 
     timed: ClassVar[bool] = False
@@ -135,6 +136,7 @@ class AicMessages(Record):
     log: Texts = field(default_factory=Texts)
     commands_ns: dict[str, IntArray] = field(default_factory=dict)
     repeats: int = 1
+    contact_ns: IntArray = field(default_factory=lambda: NO_ROWS)
 
     @property
     def witnesses_contacts(self) -> bool:

@@ -1,0 +1,314 @@
+"""What a strict reading measures: forces, contacts, way and place, and what of them was not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import acos, sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from ariac_score import (
+    Cause,
+    Finding,
+    FloatArray,
+    Measure,
+    Trial,
+    Verdict,
+    WorkItem,
+    Worlds,
+    check_parameters,
+    parameter,
+)
+from ariac_score_aic.checks import NO_RECORDING, Contacts, ForceTime, PathLength
+from ariac_score_aic.consumption import Consumed, Plug, consumed_of
+from ariac_score_aic.insertion import Insertion
+from ariac_score_aic.messages import CONTACTS, EVENT, IntArray
+from ariac_score_aic.run_config import Connection
+
+__all__ = ["ForceBounds", "InsertionInPort", "TaskPath", "WatchedContacts"]
+
+_GAP = "our choice: five messages at the rate of the engine"
+
+
+@dataclass(frozen=True)
+class ForceBounds:
+    """The tool does not push hard for long, and all of the time is looked at.
+
+    Measures:
+        The time for which the force at the wrist, in all three axes and without the offset that the
+        controller states, is above `threshold_n`: at least that between samples that are both above it, at
+        most also that to a sample that is not, and all stretches longer than `max_gap_s` without a sample.
+    Violated when:
+        That time is longer than `limit_s` at least; undecided where it is so at most.
+    Attributes:
+        threshold_n: Force above which time counts.
+        limit_s: The longest time that costs nothing.
+        max_gap_s: A longer stretch without a sample is not seen.
+    Source:
+        The strict reading is our own; thresholds are those of `ScoringTier2.cc`.
+    """
+
+    part_of: ClassVar[str] = "safety"
+    mistake: ClassVar[tuple[str, str]] = ForceTime.mistake
+    level: ClassVar[str] = "task"
+    measures: ClassVar[Mapping[str, Measure]] = ForceTime.measures
+
+    threshold_n: float = parameter(20.0, unit="N", above=0, at_most=1e4, source="ScoringTier2.cc")
+    limit_s: float = parameter(1.0, unit="s", at_least=0, at_most=1e4, source="ScoringTier2.cc")
+    max_gap_s: float = parameter(0.1, unit="s", above=0, at_most=60, source=_GAP)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
+        """One finding about the task."""
+        yield from (one for one in self.judge_worlds(trial, item) if isinstance(one, Finding))
+
+    def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one the least and the most time above the threshold."""
+        consumed = consumed_of(trial)
+        if consumed is None:
+            yield Finding.inconclusive(item.id, NO_RECORDING)
+            return
+        stamps, force = consumed.forces
+        force_n = np.sqrt((force**2).sum(axis=1))
+        least_s, most_s, unseen_s = self.time_above_s(stamps, force_n, consumed.span_ns)
+        seen = force_n[np.isfinite(force_n)]
+        peak_n = float(seen.max()) if len(seen) else 0.0
+        words = f"above {self.threshold_n:g} N for {least_s:.3f} s to {most_s:.3f} s, at most {peak_n:.2f} N"
+        best, worst = (self._found(item, words, time_s, peak_n) for time_s in (least_s, most_s))
+        if best.verdict is worst.verdict:
+            yield best
+            return
+        why = f"{words}; forces were not seen for {unseen_s:.3f} s"
+        yield Finding.inconclusive(item.id, why)
+        yield Worlds(item.id, (best,), (worst,), (Cause(why, consumed.how.wrench_topic),))
+
+    def _found(self, item: WorkItem, words: str, time_s: float, peak_n: float) -> Finding:
+        return Finding(
+            item.id,
+            Verdict.VIOLATED if time_s > self.limit_s else Verdict.SATISFIED,
+            words,
+            robustness=self.limit_s - time_s,
+            unit="s",
+            quantities={"time_above_s": time_s, "peak_force_n": peak_n},
+        )
+
+    def time_above_s(
+        self, stamp_ns: IntArray, force_n: FloatArray, span_ns: tuple[int, int]
+    ) -> tuple[float, float, float]:
+        """The least and the most time above the threshold in a span, and that without a sample, s."""
+        # By stamp and once each: time neither repeats nor runs back.
+        stamps, first = np.unique(stamp_ns, return_index=True)
+        finite = np.isfinite(force_n[first])
+        stamps, above = stamps[finite], force_n[first][finite] > self.threshold_n
+        begin_ns, end_ns = span_ns
+        if not len(stamps):
+            whole_s = max(end_ns - begin_ns, 0) / 1e9
+            return 0.0, whole_s, whole_s
+        steps_s = np.diff(stamps) / 1e9
+        seen = steps_s <= self.max_gap_s
+        least_s = float(steps_s[seen & above[1:] & above[:-1]].sum())
+        either_s = float(steps_s[seen & (above[1:] | above[:-1])].sum())
+        # As one says of both ends: up to the first and after the last sample there is one step, or a gap.
+        ends_s = [max(int(stamps[0]) - begin_ns, 0) / 1e9, max(end_ns - int(stamps[-1]), 0) / 1e9]
+        unseen_s = float(steps_s[~seen].sum()) + sum(one for one in ends_s if one > self.max_gap_s)
+        return least_s, either_s + unseen_s, unseen_s
+
+
+@dataclass(frozen=True)
+class WatchedContacts:
+    """Nothing touches what is off limits, and somebody watched.
+
+    Measures:
+        The messages of the simulator that name a contact, and the time without any message on their topic.
+    Violated when:
+        There is one; undecided where there is none and the topic was silent for longer than `max_gap_s`.
+    Attributes:
+        max_gap_s: A longer stretch without a message, also an empty one, is not watched.
+    Source:
+        The strict reading is our own; the simulator publishes at 5 Hz whether there is a contact or not.
+    """
+
+    part_of: ClassVar[str] = "safety"
+    mistake: ClassVar[tuple[str, str]] = Contacts.mistake
+    level: ClassVar[str] = "task"
+    measures: ClassVar[Mapping[str, Measure]] = Contacts.measures
+
+    max_gap_s: float = parameter(1.0, unit="s", above=0, at_most=600, source=_GAP)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
+        """One finding about the task."""
+        consumed = consumed_of(trial)
+        for finding in Contacts(unseen="open").judge(trial, item):
+            if consumed is None or finding.verdict is not Verdict.SATISFIED:
+                yield finding
+                continue
+            times, recorded = consumed.messages.contact_ns, consumed.messages.recorded_ns or (0, 0)
+            pauses_s = np.diff(np.concatenate([[recorded[0]], times, [recorded[1]]])) / 1e9
+            silent_s = float(pauses_s[pauses_s > self.max_gap_s].sum())
+            if silent_s > 0:
+                why = f"no contact was reported, and {CONTACTS} was silent for {silent_s:.3f} s"
+                yield Finding.inconclusive(item.id, why)
+            else:
+                yield finding
+
+
+@dataclass(frozen=True)
+class TaskPath:
+    """The gripper takes a short way while the task goes on.
+
+    Measures:
+        The length of the polyline through the poses of the gripper from start to end of the task, in m,
+        asked for when all of the recording is read; at most the way that a tool of `max_speed_m_s` can take
+        in stretches longer than `max_gap_s` without a pose.
+    Violated when:
+        Never: what is long enough to cost points is for the rules to say.
+    Attributes:
+        max_gap_s: A longer stretch without a pose is not seen.
+        max_speed_m_s: No tool is faster.
+    Source:
+        The strict reading is our own.
+    """
+
+    part_of: ClassVar[str] = "task"
+    level: ClassVar[str] = "task"
+    measures: ClassVar[Mapping[str, Measure]] = PathLength.measures
+
+    max_gap_s: float = parameter(0.1, unit="s", above=0, at_most=60, source=_GAP)
+    max_speed_m_s: float = parameter(
+        1.0, unit="m/s", above=0, at_most=20, source="our choice: about what a UR5e is made for"
+    )
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
+        """One finding about the task."""
+        yield from (one for one in self.judge_worlds(trial, item) if isinstance(one, Finding))
+
+    def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
+        """The same, and of an undecided one the shortest and the longest way."""
+        consumed = consumed_of(trial)
+        if consumed is None:
+            yield Finding.inconclusive(item.id, NO_RECORDING)
+            return
+        poses, bounds, span = consumed.poses_after, consumed.bounds, consumed.span_ns
+        if not len(poses):
+            how = consumed.how
+            why = f"no pose of {how.gripper_frame} in {how.reference_frame} was recorded"
+            yield Finding.inconclusive(item.id, why)
+            return
+        start, end = bounds.start_ns or (span[0], span[0]), bounds.end_ns or (span[1], span[1])
+        least_m, _ = self.length_m(poses.stamp_ns, poses.position_m, (start[1], end[0]))
+        polyline_m, unseen_m = self.length_m(poses.stamp_ns, poses.position_m, (start[0], end[1]))
+        count = float(len(poses))
+        best, worst = (
+            Finding(
+                item.id,
+                Verdict.SATISFIED,
+                f"{word}{length_m:.3f} m from start to end of the task",
+                quantities={"path_length_m": length_m, "poses": count},
+            )
+            for word, length_m in (("", least_m), ("no more than ", polyline_m + unseen_m))
+        )
+        if worst.quantities["path_length_m"] - least_m <= _SAME_M:
+            yield best
+            return
+        why = f"the way in the task is {least_m:.3f} m to {polyline_m + unseen_m:.3f} m"
+        yield Finding.inconclusive(item.id, why)
+        yield Worlds(item.id, (best,), (worst,), (Cause(why),))
+
+    def length_m(
+        self, stamp_ns: IntArray, position_m: FloatArray, within_ns: tuple[int, int]
+    ) -> tuple[float, float]:
+        """The way through the poses of a stretch, and by how much it can have been longer, m."""
+        begin_ns, end_ns = within_ns
+        inside = (stamp_ns >= begin_ns) & (stamp_ns <= end_ns)
+        stamps, places = stamp_ns[inside], position_m[inside]
+        steps_m = np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1))
+        steps_s = np.diff(stamps) / 1e9
+        reach_m = self.max_speed_m_s * steps_s - steps_m
+        ends_s = [(int(stamps[0]) - begin_ns) / 1e9, (end_ns - int(stamps[-1])) / 1e9] if len(stamps) else []
+        more_m = float(np.maximum(reach_m, 0.0)[steps_s > self.max_gap_s].sum())
+        more_m += self.max_speed_m_s * sum(one for one in ends_s if one > self.max_gap_s)
+        if not len(stamps):
+            more_m = self.max_speed_m_s * max(end_ns - begin_ns, 0) / 1e9
+        return float(steps_m.sum()), more_m
+
+
+_SAME_M = 1e-9
+"""Ways that differ by less are the same."""
+
+
+@dataclass(frozen=True)
+class InsertionInPort(Insertion):
+    """The plug is in its port, seen from the port.
+
+    Measures:
+        What the last insertion event says; without one where the plug is in the frame of its port when the
+        task ends. A plug is partly inserted between the entrance and `below_m` under the port, no further
+        than `aside_m` from the axis between the two, and turned by no more than `max_turn_rad`.
+    Violated when:
+        No event says that it is in its port. Undecided where events were not recorded, or where nobody saw
+        where plug and port were when the task ended.
+    Attributes:
+        max_turn_rad: How far a plug may be turned against its port to be partly in it.
+    Source:
+        The strict reading is our own; distances are those of `ScoringTier2.cc`. Plug and port have the same
+        orientation in a port, as the organisers' own example policy has them.
+    """
+
+    max_turn_rad: float = parameter(
+        0.2,
+        unit="rad",
+        above=0,
+        at_most=3.2,
+        source="our choice: twice what a port of 46 mm leaves 5 mm aside",
+    )
+
+    def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
+        found = super()._completed(consumed, connection, item)
+        if found.verdict is Verdict.INCONCLUSIVE or found.quantities["right_port"]:
+            return found
+        if EVENT not in consumed.messages.topics:
+            return Finding.inconclusive(item.id, f"{EVENT} was not recorded; {found.message}")
+        if not (
+            found.quantities["placed"] or found.quantities["wrong_port"] or consumed.times.end_ns is None
+        ):
+            return Finding.inconclusive(item.id, found.message)
+        return found
+
+    def _possible(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Iterator[Finding]:
+        yield from super()._possible(consumed, connection, item)
+        if EVENT not in consumed.messages.topics:
+            yield _inserted(item)
+
+    def plug_at(self, consumed: Consumed, connection: Connection, stamp_ns: int) -> Plug:
+        """Where the plug is as seen from its port: aside of the axis to the entrance, and along it."""
+        plug, port, entrance = consumed.frames_of(connection)
+        inside = consumed.buffer.lookup(port, plug, stamp_ns)
+        opening = consumed.buffer.lookup(port, entrance, stamp_ns)
+        if inside is None or opening is None:
+            return Plug(None, None, None)
+        depth_m = sqrt(sum(v * v for v in opening.position_m))
+        if not depth_m:
+            return Plug(None, None, None)
+        along_m = sum(p * o for p, o in zip(inside.position_m, opening.position_m, strict=True)) / depth_m
+        aside_m = sqrt(max(sum(v * v for v in inside.position_m) - along_m * along_m, 0.0))
+        turn_rad = 2 * acos(min(abs(inside.turn_xyzw[3]), 1.0))
+        return Plug((aside_m, 0.0, along_m), (0.0, 0.0, 0.0), (0.0, 0.0, depth_m), turn_rad)
+
+    def is_straight(self, plug: Plug) -> bool:
+        """Whether plug and port have about the same orientation."""
+        return plug.turn_rad <= self.max_turn_rad
+
+
+def _inserted(item: WorkItem) -> Finding:
+    known = dict.fromkeys(Insertion.measures, 0.0) | {"right_port": 1.0}
+    return Finding(item.id, Verdict.SATISFIED, "an insertion that was not recorded", quantities=known)
