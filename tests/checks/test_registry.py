@@ -119,6 +119,7 @@ SHIPPED = {
     ],
     "ariac_score.decoders": [
         "ariac.console",
+        "ariac.current_score",
         "ariac.service_calls",
         "ariac_interfaces.2025",
         "ariac_msgs.2023",
