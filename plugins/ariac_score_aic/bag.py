@@ -62,7 +62,14 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     LOG: ("stamp", "msg"),
     **dict.fromkeys(COMMANDS, ()),
 }
-_MARKS = (b"aic_control_interfaces/", b"/scoring/tf", EVENT.encode(), CONTACTS.encode(), b"/aic_controller/")
+_MARKS = (
+    b"aic_control_interfaces/",
+    b"/scoring/tf",
+    EVENT.encode(),
+    CONTACTS.encode(),
+    b"/aic_controller/",
+    WRENCHES[0].encode(),
+)
 """A recording that has one of these is one of the engine or of the finals."""
 _SNIFFED_BYTES = 1 << 18
 

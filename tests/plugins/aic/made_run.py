@@ -12,9 +12,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ariac_score.testing.repacked import McapForm, repacked
+import numpy as np
 
-from .made_bags import BAG, write_run
+from ariac_score.testing.repacked import McapForm, repacked
+from ariac_score_aic.scoring_file import OfficialRun, OfficialTrial, Tier, sum_in_order, written
+
+from .made_bags import write_run
 
 START_S, END_S, LAST_S = 103.0, 131.5, 131.7
 """Of the task, of the recording: simulated time."""
@@ -32,6 +35,9 @@ BASE_M = (0.0, 0.2, 0.9)
 
 PUSH_S = (124.0, 124.9)
 """While the plug stands on the edge of the entrance and is pushed: 0.9 s above 20 N, where 1 s costs."""
+
+DURATION = 12 * (60 - (END_S - START_S)) / 55
+"""The points for it, by the formula of the scorer."""
 
 
 def exactly(value: float) -> float:
@@ -119,13 +125,55 @@ def messages() -> Iterator[Mapping[str, Any]]:
             yield {"topic": "/scoring/insertion_event", "data": "/nic_card_mount_0/sfp_port_0"}
 
 
+def jerk_m_s3() -> float:
+    """The mean jerk of the tool, window by window, with the fit of numpy."""
+    states = [m for m in messages() if "tcp_velocity_linear" in m]
+    t_s = np.array([m["stamp_ns"] // 10**9 + m["stamp_ns"] % 10**9 * 1e-9 for m in states])
+    velocity = np.array([m["tcp_velocity_linear"] for m in states])
+    weighted, weights = 0.0, 0.0
+    for i in range(7, len(t_s) - 7):
+        if np.linalg.norm(velocity[i]) > 0.01:
+            window = slice(i - 7, i + 8)
+            jerk = 2 * np.polyfit(t_s[window] - t_s[i], velocity[window], 2)[0]
+            weight = (t_s[i + 7] - t_s[i - 7]) / 15
+            weighted, weights = weighted + float(np.linalg.norm(jerk)) * weight, weights + weight
+    return weighted / weights
+
+
+def official() -> OfficialRun:
+    """What the engine would write of the run: worked out here, by the formulas of its scorer."""
+    lasts_s, jerk = END_S - START_S, jerk_m_s3()
+    pushed = (
+        "Insertion force above 20.00 N, detected for a time of 0.90 seconds. Max detected force: 24.00N. "
+        "This is below the threshold of 1.00 seconds. Penalty not applied."
+    )
+    path = "Total end-effector path length: 0.00 m, initial plug-port distance: 0.35 m"
+    moved = f"Average linear jerk magnitude of the end effector: {jerk:.2f} m/s^3"
+    categories = (
+        ("contacts", Tier(0.0, "No contact detected.")),
+        ("duration", Tier(DURATION, f"Task duration: {lasts_s:.2f} seconds.")),
+        ("insertion force", Tier(0.0, pushed)),
+        ("trajectory efficiency", Tier(6.0, path)),
+        ("trajectory smoothness", Tier(6 * (50 - jerk) / 50, moved)),
+    )
+    second = Tier(sum_in_order(one.score for _, one in categories), "Scoring succeeded.", categories)
+    tiers = (Tier(1.0, "Model validation succeeded."), second, Tier(75.0, "Cable insertion successful."))
+    total = sum_in_order(one.score for one in tiers)
+    return OfficialRun("scoring.yaml", total, (OfficialTrial("trial_1", tiers),))
+
+
 def write_example(folder: Path) -> Path:
     """Write the run; returns the recording."""
     times = {"start_ns": round(START_S * 1e9), "end_ns": round(END_S * 1e9)}
-    shutil.rmtree(folder / BAG.format(trial="trial_1"), ignore_errors=True)
-    bag = write_run(folder, list(messages()), connections=[CONNECTION], times=times)
+    run = folder / "run"
+    shutil.rmtree(run, ignore_errors=True)
+    bag = write_run(run, list(messages()), connections=[CONNECTION], times=times)
     for file in bag.glob("*.mcap"):
         file.write_bytes(repacked(file.read_bytes(), McapForm("zstd", chunk_bytes=1 << 20)))
+    right = written(official())
+    (run / "scoring.yaml").write_text(right, encoding="utf-8")
+    wrong = right.replace(f"score: {DURATION}", "score: 7.8727272727272731")
+    (folder / "disputed_scoring.yaml").write_text(wrong, encoding="utf-8")
     return bag
 
 
