@@ -113,7 +113,20 @@ class Limit:
             ("at most", self.at_most) if self.at_most is not None else ("at least", self.at_least)
         )
         unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.what} {self.value:.6g}{unit} ({relation} {bound:.6g})"
+        return f"{self.what} {_beside(self.value, bound)}{unit} ({relation} {bound:.6g})"
+
+
+def _beside(value: float, bound: float | None) -> str:
+    """A value with three digits, or as many more as show on which side of a bound it lies.
+
+    >>> _beside(0.00314227, 0.03), _beside(0.03000012, 0.03), _beside(0.03, 0.03)
+    ('0.00314', '0.0300001', '0.03')
+    """
+    for digits in range(3, 17):
+        text = f"{value:.{digits}g}"
+        if bound is None or (float(text) > bound, float(text) < bound) == (value > bound, value < bound):
+            return text
+    return repr(value)
 
 
 def _components(value: float | tuple[float, ...]) -> tuple[float, ...]:

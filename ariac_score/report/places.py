@@ -21,7 +21,8 @@ class Places:
     """What people call the subjects of a result.
 
     An id that says nothing but its level and a number, such as `order_0_shipment_0`, becomes
-    `shipment 1`, counted from 1 within what it is inside; any other id is a name and is kept.
+    `shipment 1`, counted from 1 within what it is inside, and `order_0_kitting_shipment_0` becomes
+    `kitting shipment 1`; any other id is a name and is kept.
     """
 
     def __init__(self, result: Result) -> None:
@@ -80,10 +81,14 @@ class Places:
 
     def _name(self, item: Scope, inside: Scope, number: int) -> str:
         word = self.words.one(item.level)
-        own = item.path.rpartition("/")[2].removeprefix(inside.path.rpartition("/")[2])
-        spoken = "|".join(re.escape(name) for name in (item.level, word))
-        counted = re.fullmatch(rf"[_\- ]*({spoken})?[_\- ]*[0-9]*", own, re.IGNORECASE)
-        return f"{word} {number}" if counted else f"{word} {_cut(item.path.rpartition('/')[2])}"
+        name = item.path.rpartition("/")[2]
+        own = name.removeprefix(inside.path.rpartition("/")[2]).lstrip("_- ")
+        spoken = "|".join(re.escape(one) for one in (item.level, word))
+        numbered = rf"(?:([a-z]+)[_\- ])?(?:{spoken})[_\- ]*[0-9]+|(?:{spoken})?[_\- ]*[0-9]*"
+        counted = re.fullmatch(numbered, own, re.IGNORECASE)
+        if counted is None:
+            return f"{word} {_cut(name)}"
+        return f"{counted[1]} {word} {number}" if counted[1] else f"{word} {number}"
 
 
 def _cut(name: str) -> str:

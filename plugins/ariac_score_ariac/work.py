@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 from ariac_score import Fact, FrozenMap, Pose, Record, Submission, Trial, WorkItem
+from ariac_score_ariac.parts import spoken
 
 __all__ = [
     "NO_HUMAN",
@@ -68,7 +69,7 @@ class WantedProduct:
     @property
     def words(self) -> str:
         """What is wanted, for people."""
-        return self.type
+        return spoken(self.type)
 
 
 @dataclass(frozen=True)
@@ -288,8 +289,8 @@ class KitSubmission(Submission):
 
     @property
     def shown_contents(self) -> tuple[str, ...] | None:
-        """The types of its products, for people; `None` when the log does not show them."""
-        return None if self.contents is None else tuple(product.type for product in self.contents)
+        """Its products, for people; `None` when the log does not show them."""
+        return None if self.contents is None else tuple(spoken(product.type) for product in self.contents)
 
 
 @dataclass(frozen=True)

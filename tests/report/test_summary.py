@@ -258,6 +258,14 @@ def test_a_path_is_said_in_the_words_of_the_competition(example: Result, subject
     assert Places(example).of(subject) == words
 
 
+def test_an_id_may_say_what_kind_of_work_it_is(example: Result) -> None:
+    kits = [Scope("submission", f"order_0/order_0_{kind}_shipment_0", {}) for kind in ("kitting", "assembly")]
+    scopes = Scope("trial", "", {}, (Scope("order", "order_0", {}, tuple(kits)),))
+    places = Places(replace(example, measured=replace(example.measured, scopes=scopes)))
+
+    assert [places.own(kit.path) for kit in kits] == ["kitting shipment 1", "assembly shipment 2"]
+
+
 def test_an_id_that_is_a_name_is_kept(example: Result) -> None:
     scopes = Scope("trial", "", {}, (Scope("order", "KITT0001", {}), Scope("order", "7", {})))
 

@@ -116,7 +116,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
         "\u22120.956 m",
         "18.81\u202fs \u2013 21.21\u202fs",
         "required_distance/robot/human",
-        "gear_part_blue",
+        "blue gear",
         "distance 0.031 m (at most 0.03)",
         "delta_m",
         "100 Hz",

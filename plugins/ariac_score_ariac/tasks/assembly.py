@@ -8,6 +8,7 @@ from itertools import permutations
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Measure, Trial, parameter
+from ariac_score_ariac.parts import spoken
 from ariac_score_ariac.tasks.claims import (
     NOT_SUBMITTED,
     claimed,
@@ -161,7 +162,7 @@ class _Walk:
                 self.poses_alike += 1
                 self.colors_alike += color_right
                 # Numbered, so that two alike are two records: as documented both earn their points.
-                name = f"{product.name or product.type} ({i + 1} of {len(self.delivered)})"
+                name = f"{product.name or spoken(product.type)} ({i + 1} of {len(self.delivered)})"
                 self.records[name] = Record(wanted.slot, True, color_right)
         return self.result()
 
@@ -286,7 +287,7 @@ class AssemblyPart(_Briefcases):
                 if unknown:
                     yield replace(unknown, subject=slot)
                 elif submission is None:
-                    yield Finding.violated(slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=_CLAUSE)
+                    yield Finding.violated(slot, f"{spoken(wanted.type)}: {NOT_SUBMITTED}", clause=_CLAUSE)
                 elif compared.undecided:
                     yield Finding.inconclusive(slot, compared.undecided, clause=_CLAUSE)
                 else:
@@ -298,7 +299,7 @@ class AssemblyPart(_Briefcases):
             name = compared.collapsed[wanted.slot]
             return Finding.violated(slot, f"another {name} was noted before it", clause=_CLAUSE)
         if wanted.slot not in noted:
-            return Finding.violated(slot, f"no {wanted.type} is noted for it", clause=_CLAUSE)
+            return Finding.violated(slot, f"no {spoken(wanted.type)} is noted for it", clause=_CLAUSE)
         name, record = noted[wanted.slot]
         if self.compare != "type" and not record.in_place:
             return Finding.violated(slot, f"{name} is not in its place", clause=_CLAUSE)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Trial
+from ariac_score_ariac.parts import spoken
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -79,7 +80,7 @@ class Presence:
                 for wanted in task.products:
                     slot = f"{subject}/{wanted.slot}"
                     yield undecidable(trial, submission, slot, clause, task, order=order) or Finding.violated(
-                        slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause
+                        slot, f"{spoken(wanted.type)}: {NOT_SUBMITTED}", clause=clause
                     )
                 continue
             # Faulty products are worth nothing, so they take no slot.
@@ -93,7 +94,7 @@ class Presence:
         aborting = _first_without_color(task, types, exact_first=exact_first) if aborts else None
         # Taking one off for each slot satisfies min(ordered, delivered) slots of a type, the first in order.
         left = Counter(key(kind) for kind in types)
-        delivered = ", ".join(sorted(types)) or "nothing"
+        delivered = ", ".join(map(spoken, sorted(types))) or "nothing"
         for wanted in task.products:
             slot, kind = f"{subject}/{wanted.slot}", key(wanted.type)
             if aborting is not None:
@@ -104,9 +105,11 @@ class Presence:
                 )
             elif left[kind] > 0:
                 left[kind] -= 1
-                yield Finding.satisfied(slot, f"{kind} is on the tray", clause=clause)
+                yield Finding.satisfied(slot, f"{spoken(kind)} is on the tray", clause=clause)
             else:
-                yield Finding.violated(slot, f"no {kind} for it; delivered: {delivered}", clause=clause)
+                yield Finding.violated(
+                    slot, f"no {spoken(kind)} for it; delivered: {delivered}", clause=clause
+                )
 
 
 def _first_without_color(task: Task, types: Sequence[str], *, exact_first: bool = False) -> str | None:
@@ -137,7 +140,7 @@ _BONUS = "ARIAC scoring, all-products bonus"
 
 
 def _listed(counts: Counter[str]) -> str:
-    return ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
+    return ", ".join(f"{n} {spoken(kind, n)}" for kind, n in sorted(counts.items()))
 
 
 Faults = Callable[[Task, tuple[Product, ...]], str]
@@ -229,7 +232,7 @@ class NoneMissing(_Counted):
         if self.compare == "number":
             have, need = len(sound(contents)), len(task.products)
             return f"{have} of {need} products" if have < need else ""
-        return f"missing: {_listed(ordered - delivered)}" if ordered - delivered else ""
+        return f"{_listed(ordered - delivered)} missing" if ordered - delivered else ""
 
 
 @dataclass(frozen=True)
@@ -255,7 +258,7 @@ class NoneUnwanted(_Counted):
 
     def _unwanted(self, task: Task, contents: tuple[Product, ...]) -> str:
         ordered, delivered = self._counts(task, contents)
-        return f"unwanted: {_listed(delivered - ordered)}" if delivered - ordered else ""
+        return f"{_listed(delivered - ordered)} unwanted" if delivered - ordered else ""
 
 
 @dataclass(frozen=True)
@@ -334,5 +337,5 @@ class NoneFaulty:
 
     @staticmethod
     def _faulty(_task: Task, contents: tuple[Product, ...]) -> str:
-        faulty = sorted(product.name or product.type for product in contents if product.faulty)
+        faulty = sorted(product.name or spoken(product.type) for product in contents if product.faulty)
         return f"faulty: {', '.join(faulty)}" if faulty else ""

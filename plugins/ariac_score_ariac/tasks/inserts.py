@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
-from ariac_score_ariac.parts import part_of
+from ariac_score_ariac.parts import part_of, spoken
 from ariac_score_ariac.tasks.poses import POSE_MEASURES, best_total
 from ariac_score_ariac.tasks.quadrants import Sight, not_judged, sight, tasks_of
 from ariac_score_ariac.work import Order, Product, Task, WantedProduct
@@ -174,7 +174,9 @@ class InsertedPart:
             yield Finding.violated(subject, words, clause=CLAUSE)
         # As coded the points of all pairs add up, so that two parts of a type count twice for each slot.
         for number, part in enumerate(alike, start=1):
-            name = f"{part.name or part.type}" + (f" ({number} of {len(alike)})" if len(alike) > 1 else "")
+            name = f"{part.name or spoken(part.type)}" + (
+                f" ({number} of {len(alike)})" if len(alike) > 1 else ""
+            )
             yield self._pair(subject, wanted, part, name)
 
     def _pair(self, subject: str, wanted: WantedProduct, part: Product, name: str) -> Finding:
@@ -182,7 +184,7 @@ class InsertedPart:
         if self.compare == "type" or (self.compare == "color" and right_color):
             return Finding.satisfied(subject, f"{name} is in the insert", clause=CLAUSE)
         if self.compare in ("color", "color_and_pose") and not right_color:
-            return Finding.violated(subject, f"{name}, ordered {wanted.type}", clause=CLAUSE)
+            return Finding.violated(subject, f"{name}, ordered {spoken(wanted.type)}", clause=CLAUSE)
         if wanted.pose is None or part.pose is None:
             why = (
                 "the order gives no pose that can be used"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
+from ariac_score_ariac.parts import spoken
 from ariac_score_ariac.tasks.claims import (
     EMPTY_KIT,
     NOT_SUBMITTED,
@@ -206,7 +207,7 @@ class KitPose:
                 if unknown:
                     yield replace(unknown, subject=slot)
                 elif submission is None:
-                    yield Finding.violated(slot, f"{wanted.type}: {NOT_SUBMITTED}", clause=clause)
+                    yield Finding.violated(slot, f"{spoken(wanted.type)}: {NOT_SUBMITTED}", clause=clause)
             if submission is not None and not unknown:
                 yield from self._placed(subject, task, submission.contents or (), clause)
 
@@ -253,7 +254,9 @@ class KitPose:
         if slot.pose is None:
             return Finding.inconclusive(subject, "the order gives no pose that can be used", clause=clause)
         if matched is None and unseen:
-            return Finding.inconclusive(subject, f"the pose of a {slot.type} is not usable", clause=clause)
+            return Finding.inconclusive(
+                subject, f"the pose of a {spoken(slot.type)} is not usable", clause=clause
+            )
         errors = [self.test.error(slot.pose, p.pose) for p in parts if p.pose is not None]
         if matched is not None:
             pose = parts[matched].pose
@@ -263,12 +266,12 @@ class KitPose:
             # Which part was meant is unknown; the nearest shows the least that is wrong.
             nearest = min(errors, key=lambda error: error.distance_m)
         else:
-            return Finding.violated(subject, f"no {slot.type} on the tray", clause=clause)
+            return Finding.violated(subject, f"no {spoken(slot.type)} on the tray", clause=clause)
         limits = self.test.limits(nearest)
         # It passes here too, but there were more slots than parts.
         if matched is None and all(limit.kept for limit in limits):
             return Finding.violated(
-                subject, f"the {slot.type} near it counts for another slot", clause=clause
+                subject, f"the {spoken(slot.type)} near it counts for another slot", clause=clause
             )
         return Finding.from_limits(subject, *limits, clause=clause)
 

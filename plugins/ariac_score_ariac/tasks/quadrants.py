@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from ariac_score import Finding, Limit, Measure, Pose, Trial, parameter
-from ariac_score_ariac.parts import FAULTY_ENDING, part_of
+from ariac_score_ariac.parts import FAULTY_ENDING, part_of, spoken
 from ariac_score_ariac.tasks.claims import EMPTY_KIT, NOT_SUBMITTED, claimed, unseen
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
@@ -231,7 +231,9 @@ class QuadrantPart:
             return self._absent(subject, f"quadrant {wanted.quadrant} counts for {rival.slot}, ordered later")
         part, hidden = _last_in(wanted.quadrant, seen.parts)
         if hidden is not None:
-            message = f"the pose of {hidden.name or hidden.type} is not usable, so its quadrant is unknown"
+            message = (
+                f"the pose of {hidden.name or spoken(hidden.type)} is not usable, so its quadrant is unknown"
+            )
             return Finding.inconclusive(subject, message, clause=CLAUSE)
         if part is None:
             return self._absent(subject, f"quadrant {wanted.quadrant} is empty")
@@ -259,7 +261,9 @@ class QuadrantPart:
         right = self.compare == "type" or part_of(part.type) == part_of(wanted.type)
         make = Finding.satisfied if right else Finding.violated
         return make(
-            subject, f"{part.type} in quadrant {wanted.quadrant}, ordered {wanted.type}", clause=CLAUSE
+            subject,
+            f"{spoken(part.type)} in quadrant {wanted.quadrant}, ordered {spoken(wanted.type)}",
+            clause=CLAUSE,
         )
 
     def _soundness(
@@ -329,7 +333,7 @@ def _inspected(trial: Trial, order: Order, seen: Sight) -> bool:
 
 def _fault(subject: str, part: Product, faulty: bool, why: str) -> Finding:
     make, state = (Finding.violated, "faulty") if faulty else (Finding.satisfied, "sound")
-    return make(subject, f"{part.name or part.type} is {state}, {why}", clause=CLAUSE)
+    return make(subject, f"{part.name or spoken(part.type)} is {state}, {why}", clause=CLAUSE)
 
 
 def _holds_right_part(quadrant: int, task: Task, parts: Sequence[Product]) -> bool | None:

@@ -161,7 +161,7 @@ def test_what_is_missing_is_listed_by_name() -> None:
 
     finding = only(NoneMissing(kind="assembly"), trial(handed_in()), wanted)
 
-    assert f"missing: 1 {battery}, 2 {PUMP}" in finding.message
+    assert finding.message == "1 blue assembly battery, 2 red assembly pumps missing"
 
 
 @pytest.mark.parametrize(

@@ -93,8 +93,8 @@ def test_a_part_of_the_wrong_colour_earns_no_pose_is_unwanted_and_leaves_one_mis
     order, delivered = kit((GEAR, ORIGIN)), trial(handed_in(part("gear_part_blue")))
 
     assert verdicts(KitPose(), delivered, order) == [VIOLATED]
-    assert only(NoneMissing(), delivered, order).message == "missing: 1 gear_part_red"
-    assert only(NoneUnwanted(), delivered, order).message == "unwanted: 1 gear_part_blue"
+    assert only(NoneMissing(), delivered, order).message == "1 red gear missing"
+    assert only(NoneUnwanted(), delivered, order).message == "1 blue gear unwanted"
 
 
 @pytest.mark.parametrize(("delivered", "present"), [(0, 0), (1, 1), (2, 2), (3, 2)])
