@@ -17,8 +17,13 @@ _ATTESTED = "attested"
 _NO_MANIFEST = "no recorder's manifest is in it"
 
 
-def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
+def with_completeness(trial: Trial, prepared: Prepared, *, trial_id: str = "", team: str = "") -> Trial:
     """The trial with whether its completeness is attested, and undecided where it is known to lack something.
+
+    Args:
+        trial: As recorded.
+        prepared: The rules.
+        trial_id, team: Whose trial it is to be; empty where nobody says.
 
     Raises:
         LogError: The rules ask for an attested log, and this is none.
@@ -39,7 +44,10 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
                 "completeness is not attested: there is no log of a recorder", file=trial.id, hint=_RECORD
             )
         return trial
-    reasons = {file: _reason(found, prepared, trial) for file, found in trial.attestations}
+    reasons = {
+        file: _reason(found, prepared, trial) or _of_another(found, trial_id, team)
+        for file, found in trial.attestations
+    }
     lacks = [words for _, found in trial.attestations if found for words in _lacking(found, prepared)]
     for file, reason in reasons.items():
         if asked and reason:
@@ -49,6 +57,7 @@ def with_completeness(trial: Trial, prepared: Prepared) -> Trial:
     open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
     attested = [found for _, found in trial.attestations if found]
     noted = [f"its recorder noted: {note}" for found in attested for note in found.notes]
+    noted += [f"recorded as {_named(f.trial, f.team)}" for f in attested if f.trial or f.team]
     statement = (
         Statement("completeness", NOBODY, detail="; ".join(open_ + noted))
         if open_
@@ -79,6 +88,23 @@ def _reason(found: Attestation | None, prepared: Prepared, trial: Trial) -> str:
         return "a manifest is in it, and the rules name no key that should have signed it"
     refused = [signed_text(found.body, found.signature, key) for key in keys]
     return "" if not all(refused) else f"of its manifest, {refused[0]}"
+
+
+def _of_another(found: Attestation | None, trial_id: str, team: str) -> str:
+    """That it is a recording of another trial, or of another team's; empty where nothing says so."""
+    if found is None:
+        return ""
+    others = [(found.trial, trial_id), (found.team, team)]
+    if all(not said or not meant or said == meant for said, meant in others):
+        return ""
+    return (
+        f"its recorder recorded {_named(found.trial, found.team)}, and this is to be {_named(trial_id, team)}"
+    )
+
+
+def _named(trial_id: str, team: str) -> str:
+    names = ([f"trial {trial_id!r}"] if trial_id else []) + ([f"team {team!r}"] if team else [])
+    return " of ".join(names)
 
 
 def _missed(found: Attestation, trial: Trial) -> str:

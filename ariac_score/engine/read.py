@@ -287,6 +287,8 @@ def read_needed(
     progress: Progress = no_progress,
     jobs: int = 0,
     work: bool | None = None,
+    trial_id: str = "",
+    team: str = "",
 ) -> Trial:
     """The trial of a bundle, with the signals that the checks of a rule set need; nothing is derived yet.
 
@@ -297,6 +299,8 @@ def read_needed(
         progress: Called with the share done.
         jobs: Threads that read a recording; see `read_trial`.
         work: Whether a trial without any work is refused; by default where the rules are about work.
+        trial_id, team: Whose trial it is to be, where the caller knows: a manifest that names another attests
+            nothing.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -315,7 +319,7 @@ def read_needed(
         or prepared.competition,
     )
     trial = with_window(trial, prepared.rule_set.authority.window)
-    trial = with_completeness(trial, prepared)
+    trial = with_completeness(trial, prepared, trial_id=trial_id, team=team)
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas
         refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)

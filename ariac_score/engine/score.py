@@ -154,7 +154,9 @@ def score_trial(
     bundle, readers = find_run(path, registry, also=elsewhere, root=path_of(root or path), work_by=by)
     refuse_unlikely(bundle, readers, prepared)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
-        trial = read_needed(bundle, readers, prepared, progress=progress, jobs=jobs)
+        trial = read_needed(
+            bundle, readers, prepared, progress=progress, jobs=jobs, trial_id=trial_id, team=team
+        )
         trial = with_names(trial, trial_id, team)
         trial = prepared.derived(with_defects(trial, prepared))
         with _naming(path, trial.id):

@@ -134,6 +134,8 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
         signature=manifest.signature,
         listened=_listened(beats, origin_ns),
         notes=_notes(stated),
+        trial=_name(stated, "trial"),
+        team=_name(stated, "team"),
     )
 
 
@@ -147,6 +149,13 @@ def _notes(stated: Mapping[str, Any]) -> tuple[str, ...]:
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise _UnfitError("what its manifest notes is no list of texts")
     return tuple(notes)
+
+
+def _name(stated: Mapping[str, Any], key: str) -> str:
+    name = stated.get(key, "")
+    if not isinstance(name, str):
+        raise _UnfitError(f"what its manifest gives as {key!r} is no text")
+    return name
 
 
 def _content(body: str, what: str) -> Any:

@@ -44,6 +44,7 @@ class Attestation:
         signature: The text of the signature; empty where there is none.
         listened: From the first heartbeat to the last, s of trial time: nothing is attested outside.
         notes: What the recorder noticed, such as a clock that stood still, in its words.
+        trial, team: Whose trial it recorded, as the organiser named them to it; empty where he did not.
     """
 
     problem: str = ""
@@ -56,3 +57,5 @@ class Attestation:
     signature: str = ""
     listened: Span | None = None
     notes: tuple[str, ...] = ()
+    trial: str = ""
+    team: str = ""

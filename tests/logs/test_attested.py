@@ -62,6 +62,7 @@ def attested(
     sign: Callable[[str], str],
     notes: Sequence[str] = (),
     listened_s: tuple[int, int] = (0, 10),
+    **named: str,
 ) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
     out, chain = list(messages), RECORDING
@@ -86,6 +87,7 @@ def attested(
             "heartbeats": {"count": listened_s[1] - listened_s[0], "chain": chain},
             "topics": {topic: {"count": count} for topic, count in counted.items()},
             "notes": list(notes),
+            **named,
         }
     )
     said = {"recording": RECORDING, "closed": True, "body": manifest, "signature": sign(manifest)}
@@ -224,6 +226,8 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
         for m in whole
         if "body" in m.fields
     ]
+    elsewhere = [replace(m, fields={**m.fields, "detail": "another trial"}) for m in events()]
+    of_that = [m for m in attested(elsewhere, signing[1]) if "body" in m.fields]
     put_in = [*whole, replace(events()[1], t_ns=6 * 10**9)]
     moved = [replace(m, t_ns=8_100_000_000) if m.fields.get("kind") == "arm_collision" else m for m in whole]
     stretched = [replace(m, t_ns=2 * m.t_ns) for m in whole]
@@ -233,6 +237,10 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
         "a heartbeat left out": (without(whole, beats[3].topic, 3), "heartbeat 4 of its recorder is missing"),
         "a heartbeat edited": ([*events(), *edited], "the chain of its recorder breaks at heartbeat 6"),
         "of another recording": (other, "recording '7f3c"),
+        "heartbeats and manifest of another trial": (
+            sorted([*events(), *of_that], key=lambda m: m.t_ns),
+            "missing: 4 messages on /ariac_score/events",
+        ),
         "not signed": (attested(events(), lambda _: ""), "it is not signed"),
         "signed by nobody known": (attested(events(), lambda _: "RW"), "its signature is none"),
         "a message moved": (sorted(moved, key=lambda m: m.t_ns), "moved: 1 message on /ariac_score/events"),
@@ -250,6 +258,29 @@ def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Sig
     for name, (messages, words) in cases.items():
         with subtests.test(name), pytest.raises(LogError, match=words):
             scored(tmp_path, messages, attesting(signing))
+
+
+def test_a_recording_that_is_attested_as_another_trial_or_teams_attests_nothing(
+    tmp_path: Path, signing: Signing, subtests: Any
+) -> None:
+    """A good run of an earlier trial, handed in once more, is whole and signed."""
+    messages = attested(events(), signing[1], trial="final_1", team="aurora")
+    scored(tmp_path, messages, attesting(signing))  # the rules and the log
+    rules, log = tmp_path / "rules.yaml", tmp_path / "run.mcap"
+    for trial_id, team, words in (
+        ("final_3", "aurora", "recorded trial 'final_1' of team 'aurora', and this is to be trial 'final_3'"),
+        ("final_1", "borealis", "and this is to be trial 'final_1' of team 'borealis'"),
+        ("final_1", "aurora", ""),
+        ("final_1", "", ""),
+        ("", "", ""),
+    ):
+        with subtests.test(trial=trial_id, team=team):
+            if words:
+                with pytest.raises(LogError, match=words):
+                    score_trial(log, rules, trial_id=trial_id, team=team)
+            else:
+                found = completeness(score_trial(log, rules, trial_id=trial_id, team=team))
+                assert found == "recorder: recorded as trial 'final_1' of team 'aurora'"
 
 
 def test_a_message_that_reached_the_log_a_second_late_was_not_moved(tmp_path: Path, signing: Signing) -> None:
