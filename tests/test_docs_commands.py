@@ -51,6 +51,7 @@ RUN = [
     "docs/fairness.md",
     "docs/log_maps.md",
     "docs/ranking.md",
+    "docs/redteam.md",
     "docs/report.md",
     "docs/rml.md",
     "docs/rosmonitoring.md",

@@ -64,6 +64,7 @@ _GROUPS = {
     },
     "for authors of rules and plugins": {
         "rules": "list, show, validate, compare and test rule sets",
+        "redteam": "search what a team could leave out, forge or do to score more than an honest log",
         "plugins": "list, show and check installed plugins",
         "new": "start a plugin in one file, and let it grow into a distribution",
     },

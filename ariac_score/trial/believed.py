@@ -99,11 +99,13 @@ def believed(
         again = np.zeros(len(signal), dtype=bool)
         for copy in copied.get(name, ()):
             again[copy.first : copy.behind] = True
+            # Nothing says which of the two was there first: what is yet to come can be played before.
+            again[copy.original : copy.original + copy.behind - copy.first] = True
         if again.any():
             one = copied[name][0]
             message = (
                 f"samples from {signal.t[one.first]:.3f} s on repeat those from "
-                f"{signal.t[one.original]:.3f} s on to the last bit, as if they were replayed; they were "
+                f"{signal.t[one.original]:.3f} s on to the last bit, as if they were replayed; both were "
                 "left out, and nothing is known there"
             )
             defects.append(LogDefect("replayed_stretch", signal.name, int(again.sum()), message))

@@ -1,0 +1,303 @@
+"""The search: rounds over all tactics within a budget, each try scored like any log, the cheapest kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from ariac_score.errors import PluginError, ScoreError, UsageError, did_you_mean
+from ariac_score.logs.containers.items import Message
+from ariac_score.ranking.competition import Competition, Run, Team, TrialPlan
+from ariac_score.ranking.rank import rank_results
+from ariac_score.ranking.spec import ranking_spec
+from ariac_score.redteam.attempt import Aim, Attempt, Tactic
+from ariac_score.redteam.honest import Harm, Honest, harm_of
+from ariac_score.redteam.tactics import TACTICS
+from ariac_score.results.result import Result
+from ariac_score.testing.copies import Copy
+
+__all__ = ["DEFAULT_BUDGET", "Exploit", "Found", "Tally", "search"]
+
+DEFAULT_BUDGET = 150
+_SMALLER = 12
+"""So many tries at most go into making an exploit cheaper."""
+
+_SAME = 1e-9
+"""Relative: smaller differences are of rounding."""
+
+
+@dataclass(frozen=True)
+class Exploit:
+    """A try that worked.
+
+    Attributes:
+        tactic: The way.
+        says: What is done.
+        before: The score that counts of the honest log; of several runs, what the team has in the trial.
+        after: The same of what is handed in.
+        touched: How many messages were left out, changed or put in.
+        law: The law of penalties that it breaks; empty where it is about the log.
+        declared: Where the rules say so themselves; empty where not.
+        is_believed: Whether nothing but a recorder's manifest could show it, and the rules ask for none.
+        logs: What is handed in.
+    """
+
+    tactic: Tactic
+    says: str
+    before: Decimal
+    after: Decimal
+    touched: int
+    law: str
+    declared: str
+    is_believed: bool
+    logs: tuple[Copy, ...]
+
+    @property
+    def is_free(self) -> bool:
+        """Whether something worse brings no points, but costs none either."""
+        return self.before == self.after
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How often a tactic was tried, and how that ended.
+
+    Attributes:
+        tactic: Its name.
+        tried: How often.
+        refused: How often the log was refused.
+        worse: How often it scored less.
+        same: How often it scored the same, or nothing that could be compared was done.
+        worked: How often it was an exploit.
+    """
+
+    tactic: str
+    tried: int = 0
+    refused: int = 0
+    worse: int = 0
+    same: int = 0
+    worked: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes:
+        honest: The honest log.
+        exploits: One for each tactic that worked: first those that the rules do not declare, then those
+            that they do, last those that they believe; the cheapest first.
+        tallies: What was tried, by tactic.
+        budget: How often it was allowed to try.
+        seed: Of what was tried by chance.
+    """
+
+    honest: Honest
+    exploits: tuple[Exploit, ...]
+    tallies: tuple[Tally, ...]
+    budget: int
+    seed: int
+
+    @property
+    def tried(self) -> int:
+        """How often it was tried."""
+        return sum(tally.tried for tally in self.tallies)
+
+    @property
+    def undeclared(self) -> tuple[Exploit, ...]:
+        """The exploits that the rules do not own up to, and that a log shows, or would not have to show."""
+        return tuple(one for one in self.exploits if not one.declared and not one.is_believed)
+
+
+def search(
+    honest: Honest,
+    *,
+    budget: int = DEFAULT_BUDGET,
+    seed: int = 0,
+    tactics: Sequence[str] = (),
+    progress: Callable[[int, str], None] = lambda _done, _what: None,
+) -> Found:
+    """Search what scores more than an honest log.
+
+    The same log, rules, budget and seed give the same exploits.
+
+    Args:
+        honest: The log, read and scored by `honest_log`.
+        budget: How often to try; each try is a log that is written and scored.
+        seed: Of what is tried by chance.
+        tactics: The names of those to try; all where none is given.
+        progress: Called before each try with how many are done, and the tactic.
+
+    Raises:
+        UsageError: There is no such tactic.
+        PluginError: A plugin of the rules failed.
+    """
+    chosen = [tactic for tactic in TACTICS if not tactics or tactic.name in tactics]
+    if unknown := sorted(set(tactics) - {tactic.name for tactic in chosen}):
+        names = [tactic.name for tactic in TACTICS]
+        raise UsageError(
+            f"there is no tactic {unknown[0]!r}", hint=did_you_mean(unknown[0], names, what="tactics")
+        )
+    return _Search(honest, budget, seed, progress).over(chosen)
+
+
+class _Search:
+    """One search: what is left of its budget, and what it found."""
+
+    def __init__(self, honest: Honest, budget: int, seed: int, progress: Callable[[int, str], None]) -> None:
+        self._honest, self._budget, self._seed, self._progress = honest, budget, seed, progress
+        self._harm = harm_of(honest.result, honest.rule_set.monitors)
+        self._spec = ranking_spec(honest.rule_set, {}, file=honest.rule_set.file)
+        self._done = 0
+        self._tallies: dict[str, Counter[str]] = {}
+
+    def over(self, tactics: Sequence[Tactic]) -> Found:
+        """Round after round one variant of each tactic, until the budget is spent or nothing is left."""
+        left = {tactic: tactic.attempts(self._honest, self._seed) for tactic in tactics}
+        self._tallies = {tactic.name: Counter() for tactic in tactics}
+        found: list[Exploit] = []
+        while left:
+            for tactic in tuple(left):
+                attempt = next(left[tactic], None) if self._done < self._budget else None
+                if attempt is None:
+                    del left[tactic]
+                elif exploit := self._tried(tactic, attempt):
+                    found.append(self._cheaper(exploit, attempt))
+                    del left[tactic]  # the cheapest of a kind is enough; the budget is for other kinds
+        found.sort(key=lambda one: (one.is_believed, bool(one.declared), one.touched))
+        tallies = tuple(Tally(name, **counts) for name, counts in self._tallies.items())
+        return Found(self._honest, tuple(found), tallies, self._budget, self._seed)
+
+    def _cheaper(self, exploit: Exploit, attempt: Attempt) -> Exploit:
+        """The same with less done, as long as it works and the tries last."""
+        tries = 0
+        smaller = iter(attempt.smaller())
+        while tries < _SMALLER and self._done < self._budget:
+            attempt_ = next(smaller, None)
+            if attempt_ is None:
+                break
+            tries += 1
+            found = self._tried(exploit.tactic, attempt_)
+            if found and found.touched < exploit.touched:
+                exploit, smaller = found, iter(attempt_.smaller())
+        return exploit
+
+    def _tried(self, tactic: Tactic, attempt: Attempt) -> Exploit | None:
+        """Whether it works: the log written, read and scored as any other."""
+        self._progress(self._done, tactic.name)
+        self._done += 1
+        tally = self._tallies[tactic.name]
+        tally["tried"] += 1
+        logs = attempt.logs()
+        try:
+            before, after, harm = self._scores(logs, tactic.aim)
+        except PluginError:
+            raise  # what a log can do to a plugin is a fault, and no refusal
+        except ScoreError:
+            tally["refused"] += 1
+            return None
+        if not self._works(tactic.aim, before, after, harm):
+            worse = after is None or self._gain(before, after) < 0
+            tally["worse" if worse else "same"] += 1
+            return None
+        assert after is not None
+        tally["worked"] += 1
+        law = self._law(tactic, is_free=before == after)
+        declared, believed = self._declared(tactic, law), self._is_believed(tactic)
+        touched = self._touched(logs)
+        return Exploit(tactic, attempt.says, before, after, touched, law, declared, believed, logs)
+
+    def _scores(self, logs: tuple[Copy, ...], aim: Aim) -> tuple[Decimal, Decimal | None, Harm]:
+        """What honesty counts, what is handed in counts, and how much is violated in the latter.
+
+        Raises:
+            ScoreError: A log is refused.
+        """
+        honest = self._honest
+        monitors = honest.rule_set.monitors
+        if len(logs) == 1:
+            result = honest.score(logs[0])
+            # What is open is no harm that was measured.
+            is_known = honest.result.is_open or not result.is_open
+            return honest.counts, result.score, harm_of(result, monitors) if is_known else {}
+        # As many runs as the rules count belong to an honest team; the tries are about one more.
+        alone = [honest.result] * (self._spec.keep if self._spec.fill else 1)
+        more = [honest.result if log is honest.copy else honest.score(log) for log in logs[1:]]
+        before = self._ranked(alone)
+        if aim is not Aim.AGAIN:  # a better run may well bring more, but no more than it does by itself
+            before = max(before, self._ranked(more), key=self._worth)
+        return before, self._ranked([*alone, *more]), {}
+
+    def _ranked(self, results: Sequence[Result]) -> Decimal:
+        """What a team has in the trial with these runs, as `rank` has it."""
+        honest = self._honest
+        runs = tuple(Run("team", "trial", k, honest.path) for k, _ in enumerate(results, start=1))
+        competition = Competition(
+            "redteam",
+            "",
+            "",
+            honest.path.parent,
+            honest.path,
+            (Team("team", "team"),),
+            (TrialPlan("trial"),),
+            runs,
+        )
+        scored = {run.key: result for run, result in zip(runs, results, strict=True)}
+        ranking = rank_results(competition, self._spec, honest.rule_set, scored)
+        return ranking.standings[0].trials["trial"].score
+
+    def _worth(self, score: Decimal) -> Decimal:
+        """A score as points, of which more are better; where rules count mistakes, the fewer the better."""
+        return score if self._spec.more_is_better else -score
+
+    def _gain(self, before: Decimal, after: Decimal) -> Decimal:
+        """How many points better it is."""
+        return self._worth(after) - self._worth(before)
+
+    def _works(self, aim: Aim, before: Decimal, after: Decimal | None, harm: Harm) -> bool:
+        if after is None:
+            return False
+        gain = self._gain(before, after)
+        if aim is Aim.AGAIN:
+            return gain != 0
+        if aim is Aim.HARM:
+            # Once nothing is left, nothing can be taken.
+            return (gain > 0 or (gain == 0 and before != 0)) and _is_more(harm, self._harm)
+        return gain > 0
+
+    def _touched(self, logs: tuple[Copy, ...]) -> int:
+        honest = Counter(map(_identity, self._honest.copy.messages))
+        total = 0
+        for log in logs:
+            own = Counter(map(_identity, log.messages))
+            total += max((honest - own).total(), (own - honest).total())
+        return total
+
+    def _law(self, tactic: Tactic, *, is_free: bool) -> str:
+        return "always_costs" if is_free and tactic.law == "more_violations" else tactic.law
+
+    def _declared(self, tactic: Tactic, law: str) -> str:
+        """Where the rules say themselves that this works; empty where they do not."""
+        rule_set = self._honest.rule_set
+        if tactic.name == "recording cut" and rule_set.authority.window == "recording":
+            return "window: recording, so that what was recorded is the competition"
+        return f"breaks {law}: {rule_set.breaks[law]}" if law in rule_set.breaks else ""
+
+    def _is_believed(self, tactic: Tactic) -> bool:
+        return tactic.needs_proof and self._honest.rule_set.authority.completeness != "attested"
+
+
+def _identity(message: Message) -> tuple[str, str, int, bytes]:
+    connection = message.connection
+    return connection.topic, connection.publisher, message.stamp_ns, bytes(message.payload)
+
+
+def _is_more(harm: Harm, than: Harm) -> bool:
+    """Whether nowhere less was violated, and somewhere more."""
+    names = {*harm, *than}
+    pairs = [(harm.get(name, 0.0), than.get(name, 0.0)) for name in names]
+    return all(new >= old * (1 - _SAME) for new, old in pairs) and any(
+        new > old * (1 + 1e-3) + 1e-6 for new, old in pairs
+    )

@@ -1,0 +1,279 @@
+"""The adversary finds again, within its budget, what was once found by hand, and nothing else.
+
+Rules that were mended are written down here as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from math import cos, pi, sin
+from pathlib import Path
+
+import pytest
+
+from ariac_score import load_rule_set, score_trial
+from ariac_score.cli import main
+from ariac_score.errors import UsageError
+from ariac_score.redteam.honest import Honest, honest_log
+from ariac_score.redteam.search import Found, search
+from ariac_score.redteam.tactics import TACTICS
+from ariac_score.testing import Recorded, write_bag
+
+ORIGIN_S = 1_700_000_000
+RATE_HZ = 20
+FAR_M, NEAR_M, RAMP_S = 10.0, 3.0, 3.0
+
+LOG_MAP = """\
+id: test
+title: A robot and a human, and what happened
+source: this test
+bodies: {robot: {kind: robot}, human: {kind: human}}
+channels:
+  - topic: /snapshot
+    type: nist_gear/msg/Snapshot
+    signals:
+      speed/human: human_operator_speed
+      speed/robot: robot_speed
+      centre_distance/robot/human: distance_robot_human_operator
+  - {topic: /ariac_score/events, type: ariac_score_msgs/msg/TrialEvent, decoder: ariac_score.records}
+"""
+RULES = """\
+id: %s
+title: Rules of this test
+source: this test
+log_map: ./map.yaml
+levels: [trial]
+monitors:
+  separation:
+    use: iso_ts_15066.ssm_separation
+    with: {profile: seed, t1_s: 1.0, t2_s: 1.5, stopping_distance_m: 0.0, delta_m: 2.6}
+  collision: {use: ariac.no_event, with: {kind: arm_collision}}
+"""
+
+
+def ns(t_s: float) -> int:
+    return ORIGIN_S * 10**9 + round(t_s * 1e9)
+
+
+def distance_m(t_s: float) -> float:
+    """Far away but for two near misses, at 8 s to 9 s and 16 s to 17 s."""
+    outside_s = min(max(first_s - t_s, t_s - first_s - 1.0, 0.0) for first_s in (8.0, 16.0))
+    near = (1 + cos(pi * min(outside_s / RAMP_S, 1.0))) / 2
+    return FAR_M - (FAR_M - NEAR_M) * near + 0.01 * sin(7 * t_s)
+
+
+def happened(t_s: float, kind: str, subject: str = "") -> Recorded:
+    fields = {"kind": kind, "subject": subject}
+    return Recorded("/ariac_score/events", "ariac_score_msgs/msg/TrialEvent", ns(t_s), fields)
+
+
+EVENTS = (
+    happened(0.05, "watching", "arm_collision"),
+    happened(0.1, "competition_started"),
+    happened(29.0, "competition_ended"),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log with two near misses, the same with an arm collision, and a log map."""
+    place = tmp_path_factory.mktemp("redteam")
+    (place / "map.yaml").write_text(LOG_MAP, encoding="utf-8")
+    samples = []
+    for number in range(30 * RATE_HZ + 1):
+        t_s = number / RATE_HZ
+        fields = {
+            "distance_robot_human_operator": distance_m(t_s),
+            "robot_speed": 0.5 + 0.01 * sin(3 * t_s),
+            "human_operator_speed": 0.5,
+        }
+        samples.append(Recorded("/snapshot", "nist_gear/msg/Snapshot", ns(t_s), fields))
+    for name, events in (("near", EVENTS), ("crash", (*EVENTS, happened(20.0, "arm_collision")))):
+        messages = sorted((*samples, *events), key=lambda m: m.t_ns)
+        write_bag(place / f"{name}.mcap", messages, storage="mcap")
+    return place
+
+
+def honest(folder: Path, rules: str, log: str = "near.mcap") -> Honest:
+    file = folder / "rules.yaml"
+    file.write_text(RULES % "test" + rules, encoding="utf-8")
+    return honest_log(folder / log, load_rule_set(str(file)))
+
+
+def exploit_of(found: Found, tactic: str) -> tuple[Decimal, Decimal, str]:
+    (one,) = [exploit for exploit in found.exploits if exploit.tactic.name == tactic]
+    return one.before, one.after, one.law
+
+
+EPISODES = "score: 28 / (1 + 0.4 * demerits(separation, tau_s=5))\n"
+"""What each episode costs: 1, and its integral of relative depth over 5 s."""
+
+CHARGED = "score: 100 / (1 + charged(separation=0.4, again_after_s=5))\n"
+"""The time in violation, however deep."""
+
+RUNS = "terms: {trial: {d: 'charged(separation=0.4, again_after_s=5)'}}\nscore: 100 / (1 + runs.d)\n"
+"""The demerits of all runs, summed."""
+
+CRASH = "score: 100 * holds(collision)\n"
+PIECES = "score: 100 * product(separation, p=0.5)\n"
+
+
+@dataclass(frozen=True)
+class Known:
+    """An exploit that was found by hand."""
+
+    tactic: str
+    rules: str
+    law: str = ""
+    log: str = "near.mcap"
+    budget: int = 12
+
+
+FORMER = {
+    "merging two near misses": Known("violations joined", EPISODES, "more_violations"),
+    "blind to depth": Known("violations deepened", CHARGED, "severity"),
+    "stopping early": Known("stopping early", PIECES, "stopping_early"),
+    "only the first violation counts": Known(
+        "violations added", "score: 10 + 100 * holds(separation)\n", "always_costs"
+    ),
+    "a share of the time": Known(
+        "waiting", "score: 100 * (1 - seconds(separation) / trial.duration_s)\n", "waiting"
+    ),
+    "counting episodes": Known(
+        "violations joined", "score: 100 - 20 * count(separation)\n", "more_violations"
+    ),
+    "start or end left out": Known("messages left out", f"open: best\n{CRASH}", "", "crash.mcap"),
+    "samples left out": Known("samples left out", f"open: best\n{CHARGED}"),
+    "every other sample left out": Known(
+        "samples thinned", f"open: best\nbetween_samples: bounded\n{CHARGED}", budget=20
+    ),
+    "all events left out": Known("topics left out", f"open: best\n{CRASH}", "", "crash.mcap"),
+    "one collision left out": Known("messages left out", CRASH, "", "crash.mcap"),
+    "the recording begun late": Known("recording cut", f"window: recording\n{CHARGED}"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", FORMER.values(), ids=FORMER)
+def test_what_was_found_by_hand_is_found_again(folder: Path, known: Known) -> None:
+    found = search(honest(folder, known.rules, known.log), budget=known.budget, tactics=[known.tactic])
+
+    before, after, law = exploit_of(found, known.tactic)
+    assert after >= before
+    assert law == known.law
+    assert found.tried <= known.budget
+
+
+@pytest.mark.slow
+def test_running_again_is_found_again_in_both_directions(folder: Path) -> None:
+    """Demerits of all runs summed: the same run twice costs; their mean: a calm run beside earns."""
+    before, after, law = exploit_of(
+        search(honest(folder, RUNS), budget=4, tactics=["running again"]), "running again"
+    )
+    assert (after < before, law) == (True, "running_again")
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_more_violation_costs_more_and_nothing_is_believed(folder: Path) -> None:
+    """The time in violation, each second the same, on a log whose recorder is believed."""
+    fair = honest(folder, "score: 100 - 10 * seconds(separation) - 50 * violated(collision)\n")
+    names = [
+        tactic.name
+        for tactic in TACTICS
+        if not tactic.needs_proof and tactic.name not in ("violations deepened", "stopping early")
+    ]
+
+    found = search(fair, budget=120, tactics=names)
+
+    assert [(one.says, one.before, one.after) for one in found.exploits] == []
+    assert found.tried == 120
+    assert sum(tally.worse for tally in found.tallies) > 60
+
+
+@pytest.mark.slow
+def test_the_smallest_of_what_works_is_printed(folder: Path) -> None:
+    """A gap of the best world needs few samples: halves of a stretch are tried as long as they work."""
+    found = search(honest(folder, f"open: best\n{CHARGED}"), budget=15, tactics=["samples left out"])
+
+    (one,) = found.exploits
+    assert one.touched < 15  # of the 56 samples of the first near miss, which were left out at first
+
+
+def test_the_score_of_a_doctored_log_is_that_of_the_command(folder: Path, tmp_path: Path) -> None:
+    found = search(
+        honest(folder, CRASH, "crash.mcap"),
+        budget=4,
+        tactics=["messages left out"],
+    )
+    (one,) = found.exploits
+    written = one.logs[0].write(tmp_path / "crash")
+
+    assert (one.before, one.after, one.touched) == (0, 100, 1)
+    assert one.is_believed
+    assert score_trial(written, str(folder / "rules.yaml")).score == one.after
+
+
+# By command -----------------------------------------------------------------------------
+
+
+def run(folder: Path, *more: str, rules: str = EPISODES, log: str = "near.mcap") -> int:
+    file = folder / "rules.yaml"
+    file.write_text(RULES % "test" + rules, encoding="utf-8")
+    return main(["redteam", str(folder / log), "--rules", str(file), *more])
+
+
+@pytest.mark.slow
+def test_the_command_tells_the_story_and_writes_the_log(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doctored = tmp_path / "doctored.mcap"
+    words = ["--budget", "10", "--tactic", "violations joined", "-o", str(doctored)]
+
+    assert run(folder, *words) == 1
+
+    said = capsys.readouterr()
+    assert "EXPLOIT: stay as near from 9." in said.out
+    assert "against the law 'more_violations', and the rules do not say that they break it" in said.out
+    assert f"wrote {doctored}: stay as near" in said.err
+    first = doctored.read_bytes()
+    assert run(folder, *words) == 1
+    assert (capsys.readouterr().out, doctored.read_bytes()) == (said.out, first)
+
+
+def test_what_the_rules_declare_is_told_and_fails_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    declared = f"{EPISODES}breaks: {{more_violations: two that are joined are one}}\n"
+
+    assert run(folder, "--budget", "1", "--tactic", "violations joined", rules=declared) == 0
+
+    said = capsys.readouterr().out
+    assert "DECLARED: stay as near" in said
+    assert "the rules say so: breaks more_violations: two that are joined are one" in said
+    assert "nothing found that the rules do not declare, in 1 tries (budget 1, seed 0)" in said
+
+
+def test_what_cannot_be_tried_is_refused_with_a_remedy(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = tmp_path / "trial.jsonl"
+    trial.write_text("{}\n", encoding="utf-8")
+    for words, code, says in (
+        (["redteam", str(trial), "--rules", "paper2020"], 5, "only ROS recordings"),
+        (["redteam", str(tmp_path / "gone.mcap"), "--rules", "paper2020"], 5, "no such file"),
+        (["redteam", str(tmp_path), "--rules", "paper2020"], 5, "there are 0 recordings in it"),
+        (["redteam", str(folder / "near.mcap"), "--rules", "paper2020", "--tactic", "magic"], 4, "'magic'"),
+        (["redteam", str(folder / "near.mcap"), "--rules", "paper2020", "--budget", "-1"], 4, "no number"),
+    ):
+        try:
+            found = main(words)
+        except SystemExit as left:
+            found = int(left.code or 0)
+        said = capsys.readouterr().err
+        assert (found, says in said) == (code, True), said
+        assert "hint: " in said or "help: " in said
+    assert run(folder, "-o", str(tmp_path / "x.bag")) == 4
+    assert "the doctored log is of the format of the honest one, .mcap" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="no tactic 'magic'"):
+        search(honest(folder, EPISODES), tactics=["magic"])
