@@ -35,6 +35,7 @@ from ariac_score.batch.worker import (
 )
 from ariac_score.errors import BatchError
 from ariac_score.installed.running import noted as last_noted
+from ariac_score.installed.system import KILLS
 
 __all__ = [
     "AND_AGAIN",
@@ -59,15 +60,11 @@ KILLED_FROM_OUTSIDE_ATTEMPTS = 12
 """Attempts at a run whose process was killed from outside: it does not deserve to lose its score for that."""
 AND_AGAIN = "and call again: what was scored is kept, and only the rest is done"
 """What to do when it is the machines that failed, for a hint."""
-_ALARM = signal.SIGALRM
-"""Ends a process whose supervisor is gone, see `worker.perform_into`."""
 _SERVER_LOST = 255
 """`multiprocessing`'s exit code of a process whose fork server died before it could report another."""
 _KILLED_AMONG_OTHERS_ATTEMPTS = 3
 """Attempts while other runs go on, before one alone at the end: together they may need too much memory."""
-_KILLED_FROM_OUTSIDE = frozenset(
-    {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP, -_ALARM, _SERVER_LOST}
-)
+_KILLED_FROM_OUTSIDE = frozenset({_SERVER_LOST, *(-number for number in KILLS)})
 """Exit codes of a process that somebody killed: the kernel short of memory, a user, a scheduler."""
 _START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0

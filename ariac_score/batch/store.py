@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
 import stat
@@ -13,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ariac_score.errors import UsageError
+from ariac_score.installed.system import lock as lock_file
 
 __all__ = ["Store", "read_document"]
 
@@ -119,14 +119,12 @@ class Store:
                 hint="name a folder you may write in with -o",
             ) from cause
         try:
-            try:  # a lock of the system ends with its process, also after `kill -9`
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            if not lock_file(lock):
                 raise UsageError(
                     "another batch is writing here",
                     file=self.root,
                     hint="wait until it has finished, or give this one a folder of its own",
-                ) from None
+                )
             self._clear()
             folder = Path(tempfile.mkdtemp(dir=self.root, prefix=_WORK))
             try:

@@ -8,10 +8,9 @@ import gc
 import hashlib
 import json
 import os
-import resource
-import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -38,6 +37,7 @@ from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.installed.running import note_in
+from ariac_score.installed.system import end_after, limit_this_process
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json, load_result, read_result
@@ -301,7 +301,7 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
     The report is a line of JSON, then the document; it appears whole or not at all. The supervisor ends
     the process when it is late; after a `kill -9` of the supervisor, an alarm does.
     """
-    signal.setitimer(signal.ITIMER_REAL, setting.limits.wall_s + _ORPHANED_S)
+    end_after(setting.limits.wall_s + _ORPHANED_S)
     with contextlib.suppress(OSError):  # without room for a note, nobody can be named
         note_in(running_file(report))
     # What is fetched may be larger than a result, so its size is limited only afterwards.
@@ -401,7 +401,6 @@ class _Head:
 
 def report_of(done: Done) -> bytes:
     """The outcome of a task, for `parse_report`."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
     head = _Head(
         done.task.key,
         done.task.path,
@@ -409,7 +408,7 @@ def report_of(done: Done) -> bytes:
         done.contents,
         done.signature,
         done.document is None,
-        done.cpu_s or used.ru_utime + used.ru_stime,
+        done.cpu_s or time.process_time(),
         done.put_off,
     )
     # Not msgspec's encoder, which refuses the half surrogate pairs of names that are no UTF-8.
@@ -432,18 +431,8 @@ def parse_report(task: RunTask, report: bytes) -> Done:
 
 def _set_limits(limits: Limits, largest_bytes: int) -> None:
     """Bind this process to its limits, 0 for none yet; nothing it starts can lift them."""
-    bounds = {resource.RLIMIT_CORE: 0}  # the dumps of a season's crashes would fill the disk
-    if largest_bytes:
-        # A report has a line more than its document, which `_perform_local` holds to the limit.
-        bounds[resource.RLIMIT_FSIZE] = largest_bytes + (1 << 20)
-    if limits.memory_bytes:
-        # Address space, because Linux does not enforce a limit of resident memory.
-        bounds[resource.RLIMIT_AS] = limits.memory_bytes
-    for kind, bound in bounds.items():
-        _, hard = resource.getrlimit(kind)
-        most = bound if hard == resource.RLIM_INFINITY else min(bound, hard)
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (most, most))
+    # A report has a line more than its document, which `_perform_local` holds to the limit.
+    limit_this_process(limits.memory_bytes, largest_bytes + (1 << 20) if largest_bytes else 0)
 
 
 def _silence() -> None:

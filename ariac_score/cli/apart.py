@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +19,7 @@ from ariac_score.cli.notes import APART, is_apart
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.installed.captured_output import keep_results_apart
 from ariac_score.installed.running import listen_for_interrupts, note_in, noted
+from ariac_score.installed.system import end_session
 
 __all__ = ["begin", "is_apart", "run_apart"]
 
@@ -56,22 +57,12 @@ def run_apart(given: Sequence[str], *, limit_s: float) -> int:
         try:
             in_time = _waited(process, note, limit_s)
         finally:
-            _end_all(process)
+            end_session(process, _KILLED_S)
         _, plugin = noted(note)
         if done.is_file():  # whatever it did afterwards
             return int(done.read_text(encoding="ascii"))
         late = f"did not end within {limit_s:g} s"
         raise _failed(plugin, _ending(process.returncode) if in_time else late)
-
-
-def _end_all(process: subprocess.Popen[Any]) -> None:
-    """End a process and those it has started, as far as these stayed in its session."""
-    if process.poll() is None or hasattr(os, "killpg"):
-        with suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL)
-    if process.poll() is None:
-        process.kill()
-        process.wait(_KILLED_S)
 
 
 def _waited(process: subprocess.Popen[Any], note: Path, limit_s: float) -> bool:

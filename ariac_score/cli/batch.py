@@ -24,6 +24,7 @@ from ariac_score.batch.supervise import OnOutcome, Report, run_batch
 from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, TaskKey, of_shard, plan_batch, shard
 from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.errors import UsageError
+from ariac_score.installed.system import shortfalls
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.style import plain
 
@@ -93,6 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
             "--jobs and the limits may not be negative, and the time limit not 0",
             hint="leave them out for the defaults",
         )
+    for shortfall in shortfalls():
+        note(arguments, f"this system has {shortfall}")
     part = shard(arguments.shard) if arguments.shard else (1, 1)
     _refuse_uri(arguments.output)
     limits = Limits(

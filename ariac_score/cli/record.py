@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import shutil
 import signal
@@ -17,6 +16,7 @@ from pathlib import Path
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.documents.yaml import load_yaml
 from ariac_score.errors import LogMapError, UsageError
+from ariac_score.installed.system import end_session, signal_session
 from ariac_score.logs.logmap import is_log_map_file, load_log_map
 from ariac_score.logs.recording import OWN_TOPICS, Recording, load_recording
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -225,23 +225,16 @@ def _watch(bag: subprocess.Popen[bytes], recorder: subprocess.Popen[bytes]) -> i
                 raise UsageError(f"the bag ended with code {bag.returncode}", hint="see what it said above")
             time.sleep(0.05)
     except KeyboardInterrupt:
-        _signal(recorder, signal.SIGINT)
+        signal_session(recorder, signal.SIGINT)
         recorder.wait(_LATE_S)
     return recorder.returncode
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End a process and what it started, politely first."""
-    for how in (signal.SIGINT, signal.SIGKILL):
-        if process.poll() is None:
-            _signal(process, how)
-            try:
-                process.wait(_CLOSING_S)
-            except subprocess.TimeoutExpired:
-                continue
-    _signal(process, signal.SIGKILL)
-
-
-def _signal(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
-    with suppress(ProcessLookupError, PermissionError):  # it and all that it started have ended
-        os.killpg(process.pid, how)
+    if process.poll() is None:
+        signal_session(process, signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_CLOSING_S)
+    with suppress(subprocess.TimeoutExpired):
+        end_session(process, _CLOSING_S)

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
+from ariac_score.installed.system import write_first
+
 __all__ = ["EndedError", "listen_for_interrupts", "note_in", "noted", "running", "was_interrupted"]
 
 _LONGEST = 500
@@ -32,7 +34,7 @@ class _Notes:
         self.words = words
         self.count += 1
         note = f"{self.count} {words}".encode("utf-8", "replace")[:_LONGEST].ljust(_LONGEST)
-        os.pwrite(self.file, note, 0)
+        write_first(self.file, note)
 
 
 _NOTES = _Notes()

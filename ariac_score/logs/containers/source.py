@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ariac_score.errors import LogError
+from ariac_score.installed.system import read_at
 from ariac_score.logs.containers.items import RE_RECORD
 from ariac_score.logs.containers.ranged import open_log, ranged
 
@@ -124,7 +125,7 @@ class Source:
 
             return put
         self._reserve(count, what)
-        file, offset = self._file.fileno(), self.offset
+        file, offset = self._file, self.offset
         if self._parts:
             self._parts.have([(offset, offset + count)])
         self.skip(count)
@@ -132,7 +133,7 @@ class Source:
         def read(room: memoryview) -> None:
             done = 0
             while done < len(room):
-                read = os.preadv(file, [room[done:]], offset + done)
+                read = read_at(file, room[done:], offset + done)
                 if not read:
                     raise ValueError("the file ends early")
                 done += read

@@ -1,0 +1,159 @@
+"""What operating systems offer to keep processes apart, and what is done where one of them does not.
+
+Linux and macOS have all of it, though macOS does not keep a limit of memory. Windows has no alarms, no
+limits and no sessions; `shortfalls` says what that costs. Nothing else in this package asks which system
+it runs on, or imports a module that some system lacks.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from types import ModuleType
+from typing import IO, Any
+
+__all__ = [
+    "KILLS",
+    "end_after",
+    "end_session",
+    "limit_this_process",
+    "lock",
+    "read_at",
+    "shortfalls",
+    "signal_session",
+    "write_first",
+]
+
+
+def _offered(module: str) -> ModuleType | None:
+    """A module of the standard library that some systems lack."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        return None
+
+
+_fcntl: Any = _offered("fcntl")
+_msvcrt: Any = None if _fcntl else _offered("msvcrt")
+_resource: Any = _offered("resource")
+
+KILLS = frozenset(
+    number
+    for name in ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP", "SIGALRM")
+    if (number := getattr(signal, name, None)) is not None
+)
+"""Signals by which others end a process: the kernel short of memory, a user, a scheduler, its own alarm."""
+
+_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
+_ENDED_LATE = 124
+"""Exit code of a process that ends itself where there are no alarms, as of the program `timeout`."""
+
+
+def shortfalls() -> tuple[str, ...]:
+    """What this system cannot keep of what `batch` promises, in words.
+
+    >>> all(isinstance(one, str) for one in shortfalls())
+    True
+    """
+    found = []
+    if _resource is None:
+        found.append("no limit of memory or of output: --memory-mb is not kept")
+    elif sys.platform == "darwin":
+        found.append("no limit of memory: --memory-mb is not kept")
+    if _fcntl is None and _msvcrt is None:
+        found.append("no locks: nothing keeps two batches from writing into one folder")
+    if not hasattr(os, "killpg"):
+        found.append("no sessions: programs that a plugin starts outlive the process that is ended")
+    return tuple(found)
+
+
+def lock(file: IO[Any]) -> bool:
+    """Lock a file for this process until it is closed, also by `kill -9`; false: another one has it."""
+    try:
+        if _fcntl is not None:
+            _fcntl.flock(file, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
+        elif _msvcrt is not None:
+            _msvcrt.locking(file.fileno(), _msvcrt.LK_NBLCK, 1)
+    except OSError:
+        return False
+    return True
+
+
+def read_at(file: IO[bytes], room: memoryview, offset: int) -> int:
+    """Bytes from anywhere in an open file, whichever threads read it too; returns how many came."""
+    if hasattr(os, "preadv"):
+        return os.preadv(file.fileno(), [room], offset)
+    with open(file.name, "rb", buffering=0) as own:  # noqa: PTH123  # its own position
+        own.seek(offset)
+        return own.readinto(room) or 0
+
+
+def write_first(file: int, contents: bytes) -> None:
+    """Write from the beginning of an open file, in one piece where the system can."""
+    if hasattr(os, "pwrite"):
+        os.pwrite(file, contents, 0)
+        return
+    os.lseek(file, 0, os.SEEK_SET)
+    os.write(file, contents)
+
+
+def limit_this_process(memory_bytes: int, file_bytes: int) -> None:
+    """Bind this process and what it starts to limits that nothing of it can lift.
+
+    Args:
+        memory_bytes: Most address space, because Linux does not enforce a limit of resident memory; 0: any.
+        file_bytes: Longest file that it may write; 0: any.
+    """
+    if _resource is None:
+        return
+    bounds = {_resource.RLIMIT_CORE: 0}  # the dumps of a season's crashes would fill the disk
+    if file_bytes:
+        bounds[_resource.RLIMIT_FSIZE] = file_bytes
+    if memory_bytes:
+        bounds[_resource.RLIMIT_AS] = memory_bytes
+    for kind, bound in bounds.items():
+        _, hard = _resource.getrlimit(kind)
+        most = bound if hard == _resource.RLIM_INFINITY else min(bound, hard)
+        with suppress(ValueError, OSError):
+            _resource.setrlimit(kind, (most, most))
+
+
+def end_after(seconds: float) -> None:
+    """End this process after so long, whatever it does then, for nobody else may be there to do it."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        return
+    # Python code alone cannot keep this thread from running; a library in C that never returns can.
+    watch = threading.Timer(seconds, os._exit, (_ENDED_LATE,))
+    watch.daemon = True
+    watch.start()
+
+
+def signal_session(process: subprocess.Popen[Any], how: int) -> None:
+    """Send a signal to a process that has a session of its own, and to what it has started there."""
+    with suppress(OSError):  # all have ended
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, how)
+        elif process.poll() is None:
+            process.kill() if how == _KILL else process.send_signal(how)
+
+
+def end_session(process: subprocess.Popen[Any], patience_s: float) -> None:
+    """End a process, and what it has started as far as that stayed in its session.
+
+    Args:
+        process: It has a session of its own.
+        patience_s: How long to wait until it is gone, s.
+
+    Raises:
+        subprocess.TimeoutExpired: It is not gone by then.
+    """
+    signal_session(process, _KILL)
+    if process.poll() is None:
+        process.kill()
+        process.wait(patience_s)
