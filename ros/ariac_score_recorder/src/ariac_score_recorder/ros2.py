@@ -1,4 +1,4 @@
-"""The recorder as a node of ROS 2: Galactic and later. Run on a stand-in of rclpy alone: no ROS 2 was at hand."""
+"""The recorder as a node of ROS 2: Galactic and later. Run on a stand-in of rclpy alone, not on ROS 2."""
 
 import argparse
 import io
