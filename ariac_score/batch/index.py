@@ -33,6 +33,7 @@ __all__ = [
     "check_index",
     "checked_rows",
     "read_rows",
+    "recorded_document",
     "tables_sha256",
     "write_tables",
 ]
@@ -274,7 +275,7 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
                 row = Row.from_line(line)
             except ValueError as cause:
                 raise BatchError("no row of a run", file=file, place=f"line {number}", hint=AGAIN) from cause
-            document = _document(row, root) if row.object else b""
+            document = recorded_document(row, root) if row.object else b""
             if newer := _newer(document):
                 raise BatchError(newer, file=root / row.object, hint="update ariac-score")
             if row.object and not _agrees(row, document):
@@ -287,7 +288,12 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
             yield row, document
 
 
-def _document(row: Row, root: Path) -> bytes:
+def recorded_document(row: Row, root: Path) -> bytes:
+    """The document of a row, which must be the one that was written then.
+
+    Raises:
+        BatchError: It is missing, or another.
+    """
     if not _is_object(row.object):
         raise BatchError(f"{row.object!r} is no place of a result", file=root / RUNS, hint=AGAIN)
     source = root / row.object

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
 from collections import Counter
 from collections.abc import Sequence
@@ -10,8 +11,17 @@ from pathlib import Path
 from msgspec import structs
 
 from ariac_score.batch.description import DESCRIPTION, RULES, BatchDescription, load_description
-from ariac_score.batch.index import RUNS, Row, Rows, check_index, checked_rows, read_rows, write_tables
-from ariac_score.batch.store import Store
+from ariac_score.batch.index import (
+    AGAIN,
+    RUNS,
+    Row,
+    Rows,
+    check_index,
+    checked_rows,
+    read_rows,
+    write_tables,
+)
+from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.supervise import Report, unwritable
 from ariac_score.errors import BatchError, UsageError
 
@@ -35,6 +45,8 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
     descriptions = [_description(part) for part in parts]
     for part, description in zip(parts[1:], descriptions[1:], strict=True):
         _refuse_difference(part, description, parts[0], descriptions[0], mixed_code=mixed_code)
+        _refuse_edited_rules(part, description)
+    _refuse_edited_rules(parts[0], descriptions[0])
     _refuse_gaps(descriptions)
     joined = structs.replace(descriptions[0], shard=None)
     outcomes = Counter[str]()
@@ -117,6 +129,24 @@ def _refuse_difference(
             hint="--mixed-code joins them all the same; a ranking should rest on one code"
             if key == "code"
             else "join only parts of one batch",
+        )
+
+
+def _refuse_edited_rules(part: Path, description: BatchDescription) -> None:
+    """Refuse a part whose rules have another hash than it states.
+
+    Raises:
+        UsageError: They have.
+    """
+    try:
+        found = hashlib.sha256(read_document(part / RULES)).hexdigest()
+    except OSError as cause:
+        raise BatchError(f"cannot be read: {cause.strerror}", file=part / RULES, hint=AGAIN) from cause
+    if found != description.rule_set.sha256:
+        raise UsageError(
+            f"it has SHA-256 {found[:12]}…, and the part states {description.rule_set.sha256[:12]}…",
+            file=part / RULES,
+            hint="get the part again, or score it again",
         )
 
 

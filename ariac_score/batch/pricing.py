@@ -19,13 +19,13 @@ from typing import Any
 
 from ariac_score.batch.index import Row, Written
 from ariac_score.batch.local import begin_server, fresh_processes, started, stop, usable_cores
-from ariac_score.batch.store import Store
+from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
 from ariac_score.batch.worker import prepared
 from ariac_score.engine.price import reprice
-from ariac_score.errors import ScoreError
+from ariac_score.errors import ResultError, ScoreError
 from ariac_score.results.result import Result
-from ariac_score.results.result_file import as_json, check_follows, result_in
+from ariac_score.results.result_file import as_json, result_in
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["Measurement", "Priced", "Pricing"]
@@ -48,7 +48,7 @@ class Measurement:
         task: The run.
         address: Of the measurement.
         stored: File name of the result under other rules; the new one is written to the same folder.
-        sha256: Its hash, where the tables have it: then it need not be checked again.
+        sha256: Its hash in the tables.
     """
 
     task: RunTask
@@ -232,10 +232,13 @@ def _priced(
 
 
 def _measured(place: Path, known: str) -> Result:
-    """A stored result, checked as a whole unless it has the known hash."""
-    document = place.read_bytes()
-    if sha256(document).hexdigest() == known:
-        return result_in(document, place, known=True)
-    result = result_in(document, place)
-    check_follows(result)
-    return result
+    """The stored result that the tables recorded.
+
+    Raises:
+        ResultError: Another lies there, or none.
+        OSError: It cannot be read.
+    """
+    document = read_document(place)
+    if sha256(document).hexdigest() != known:
+        raise ResultError("it is not what the tables recorded", file=place)
+    return result_in(document, place, known=True)

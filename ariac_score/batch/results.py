@@ -5,19 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 
 from ariac_score.batch.description import load_description
-from ariac_score.batch.index import RUNS, Row, read_rows
-from ariac_score.errors import FormulaError, LogError, RunEndedError, ScoreError, UsageError
-from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.batch.index import RUNS, Row, read_rows, recorded_document
+from ariac_score.engine.prepared import prepare
+from ariac_score.engine.provenance import code_of
+from ariac_score.errors import FormulaError, LogError, ResultError, RunEndedError, ScoreError, UsageError
+from ariac_score.ranking.competition import Competition, RunKey, registry_for
 from ariac_score.ranking.runs import without_sketch
-from ariac_score.results.result import Pinned, Result
-from ariac_score.results.result_file import load_result
+from ariac_score.results.result import Code, Pinned, Result
+from ariac_score.results.result_file import result_in
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["results_of_batch"]
 
 
 def results_of_batch(
-    folder: Path, competition: Competition, rule_set: RuleSet, *, sketches: bool = False
+    folder: Path,
+    competition: Competition,
+    rule_set: RuleSet,
+    *,
+    sketches: bool = False,
+    mixed_code: bool = False,
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's stored result, or why there is none.
 
@@ -26,18 +33,27 @@ def results_of_batch(
         competition: Whose runs they are.
         rule_set: By which it is ranked; the batch must have been scored by it.
         sketches: Keep what pages draw; of a season that is most of the memory.
+        mixed_code: Take results that other code than the installed made.
 
     Raises:
         UsageError: The folder holds no finished batch of this competition under these rules.
+        BatchError: A result is not the one that the tables recorded.
     """
     again = f"ariac-score batch {competition.file} -o {folder}"
-    scored_under = load_description(folder, hint=again).rule_set
+    description = load_description(folder, hint=again)
+    scored_under = description.rule_set
     if scored_under != Pinned(rule_set.id, rule_set.sha256):
         raise UsageError(
             f"it was scored under {scored_under.id} ({scored_under.sha256[:12]}…), not under {rule_set.id} "
             f"({rule_set.sha256[:12]}…)",
             file=folder,
             hint=f"put the new prices on it first: {again}",
+        )
+    if not mixed_code and set(description.code) != _installed_code(competition, rule_set):
+        raise UsageError(
+            "other code than the installed made its results",
+            file=folder,
+            hint=f"score them again: {again}; or take them as they are: --mixed-code",
         )
     rows = {row.key: row for row, _ in read_rows(folder / RUNS)}
     missing = [run.key for run in competition.runs if run.key not in rows]
@@ -48,13 +64,19 @@ def results_of_batch(
     return {run.key: _result(rows[run.key], folder, sketches=sketches) for run in competition.runs}
 
 
+def _installed_code(competition: Competition, rule_set: RuleSet) -> set[Code]:
+    prepared = prepare(rule_set, registry=registry_for(competition))
+    return {Code(*code) for code in code_of(prepared)}
+
+
 def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
     summary = row.summary
     if row.object:
         try:
-            result = load_result(folder / row.object)
+            # A document with the hash of the tables needs no second look: it was priced when it was made.
+            result = result_in(recorded_document(row, folder), folder / row.object, known=True)
             return result if sketches else without_sketch(result)
-        except ScoreError:
+        except ResultError:
             if not summary.reason:
                 raise
     if summary.outcome in ("crashed", "cancelled"):

@@ -75,11 +75,6 @@ class Store:
         """The folder of a measurement."""
         return self.root / _OBJECTS / address[:2] / address
 
-    def priced_otherwise(self, address: str) -> Path | None:
-        """A result of the same measurement under any rule set; `None` when there is none."""
-        folder = self.measured(address)
-        return next(iter(sorted(folder.glob("*.json"))), None) if folder.is_dir() else None
-
     def put(self, place: Path, document: bytes) -> None:
         """Write a file that is either complete or absent.
 

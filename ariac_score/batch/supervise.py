@@ -28,9 +28,8 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.provenance import code_of
-from ariac_score.errors import BatchError, ResultError, ScoreError
+from ariac_score.errors import BatchError, ScoreError
 from ariac_score.results.result import Code, Pinned
-from ariac_score.results.result_file import load_result
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
 __all__ = ["Executor", "OnOutcome", "Report", "run_batch", "unwritable"]
@@ -273,8 +272,7 @@ class _Call:
         earlier = self.rows.earlier(task.key)
         if earlier is not None and earlier.object.split("/")[-2:-1] == [address]:
             return Measurement(task, address, intern(earlier.object.rpartition("/")[2]), earlier.sha256)
-        other = self.store.priced_otherwise(address)
-        return None if other is None else Measurement(task, address, intern(other.name), "")
+        return None
 
     def _addressed(self, done: Done) -> Done:
         """What an executor brought, with its address; empty where its process hashed nothing."""
@@ -343,17 +341,17 @@ def _finish(store: Store, hashes: HashCache) -> None:
 
 
 def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool) -> Written | None:
-    """The row of a stored document; `None` when there is none, or it cannot be trusted."""
+    """The row of the document that the tables recorded; `None` when there is none, or another lies there."""
+    row = rows.earlier(key)
+    if row is None or row.object != name:
+        return None
     try:
         document = store.read(name)
-        row = rows.earlier(key)
-        if row is None or row.object != name or row.sha256 != sha256(document).hexdigest():
-            # The table knows another document, or none: this one counts only if it follows from itself.
-            load_result(store.root / name)
-        elif trusted:
-            return row
-        return Written.of(Row.kept(key, document, name))
-    except (OSError, ValueError, ResultError):
+        # What follows from itself may still be forged: only its log shows what was measured.
+        if row.sha256 != sha256(document).hexdigest():
+            return None
+        return row if trusted else Written.of(Row.kept(key, document, name))
+    except (OSError, ValueError):
         return None
 
 

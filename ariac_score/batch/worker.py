@@ -40,7 +40,7 @@ from ariac_score.installed.running import note_in
 from ariac_score.installed.system import end_after, limit_this_process
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
-from ariac_score.results.result_file import as_json, load_result, read_result
+from ariac_score.results.result_file import as_json, result_in
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 from ariac_score.trial.statements import ORGANISER
 
@@ -144,9 +144,10 @@ def _perform_local(
         return Done(task, "", contents, before, _because(task, "failed", reason))
     address = measuring_address(task, contents, basis)
     store = Store(out) if out is not None else None
-    if store is not None and _is_result(store.place(address, setting.rules_sha256)):
+    earlier = _recorded(task, store, address) if store is not None else None
+    if earlier is not None and earlier.provenance.rule_set.sha256 == setting.rules_sha256:
         return Done(task, address, contents, before, None)
-    document = _priced_again(store, address, rules.rule_set) if store is not None else None
+    document = _priced_again(earlier, rules.rule_set) if earlier is not None else None
     if document is None:
         known = _measured_before(task, contents, setting, store) if store is not None else None
         document = _scored(task, rules, known)
@@ -203,24 +204,26 @@ def _unreachable(task: RunTask, error: Exception) -> Done:
     return Done(task, "", "", "", _because(task, "unreachable", f"{error}; {hint}" if hint else str(error)))
 
 
-def _is_result(place: Path) -> bool:
-    """Whether a sound result lies there; not an outcome, which is found out again."""
-    try:
-        load_result(place)
-    except ScoreError:
-        return False
-    return True
-
-
-def _priced_again(store: Store, address: str, rule_set: RuleSet) -> bytes | None:
-    """The stored measurement under other prices; `None` when there is none to be used."""
-    other = store.priced_otherwise(address)
-    if other is None:
+def _recorded(task: RunTask, store: Store, address: str) -> Result | None:
+    """The result at an address that the tables recorded for this run; any other may be somebody else's."""
+    place = store.root / task.earlier
+    if not task.earlier or place.parent.name != address:
         return None
     try:
-        return as_json(reprice(load_result(other), rule_set)).encode("utf-8")
+        document = store.read(task.earlier)
+        if hashlib.sha256(document).hexdigest() != task.earlier_sha256:
+            return None
+        return result_in(document, place, known=True)
+    except (OSError, ScoreError):
+        return None  # an outcome, which is found out again, or a damaged file
+
+
+def _priced_again(earlier: Result, rule_set: RuleSet) -> bytes | None:
+    """The stored measurement under other prices; `None` where that is not to be had."""
+    try:
+        return as_json(reprice(earlier, rule_set)).encode("utf-8")
     except ScoreError:
-        return None  # an outcome, a damaged file, a formula without a value: measure, and say what is wrong
+        return None  # a formula without a value, say: measure, and say what is wrong
 
 
 def _measured_before(task: RunTask, contents: str, setting: BatchSetting, store: Store) -> Result | None:
@@ -231,15 +234,7 @@ def _measured_before(task: RunTask, contents: str, setting: BatchSetting, store:
     """
     if not task.earlier or not setting.earlier_basis:
         return None
-    place = store.root / task.earlier
-    if place.parent.name != measuring_address(task, contents, setting.earlier_basis):
-        return None
-    try:
-        if hashlib.sha256(place.read_bytes()).hexdigest() != task.earlier_sha256:
-            return None
-        return read_result(place, known=True)
-    except (OSError, ScoreError):
-        return None  # an outcome, or a damaged file: run every check
+    return _recorded(task, store, measuring_address(task, contents, setting.earlier_basis))
 
 
 def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:

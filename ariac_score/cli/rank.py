@@ -82,6 +82,11 @@ def register(commands: Any) -> None:
         help="take the results from this folder, which 'batch' wrote, instead of scoring",
     )
     parser.add_argument(
+        "--mixed-code",
+        action="store_true",
+        help="with --batch: take results that other code than the installed made",
+    )
+    parser.add_argument(
         "--design",
         type=float,
         metavar="POINTS",
@@ -101,7 +106,11 @@ def run(arguments: argparse.Namespace) -> int:
         return _strict(arguments, competition, rule_set, spec)
     if arguments.batch is not None:
         results = results_of_batch(
-            arguments.batch, competition, rule_set, sketches=arguments.results is not None
+            arguments.batch,
+            competition,
+            rule_set,
+            sketches=arguments.results is not None,
+            mixed_code=arguments.mixed_code,
         )
     else:
         with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:

@@ -20,7 +20,15 @@ from ariac_score.logs.containers.ranged import ranged
 from ariac_score.results.result import Code, Pinned, Provenance, Source
 from ariac_score.trial.model import Trial
 
-__all__ = ["code_of", "engine_code", "file_hashes", "hashing_files", "provenance_of", "refuse_other_contents"]
+__all__ = [
+    "code_of",
+    "engine_code",
+    "file_hashes",
+    "file_sha256",
+    "hashing_files",
+    "provenance_of",
+    "refuse_other_contents",
+]
 
 _WORTH_A_THREAD_BYTES = 1 << 23
 """Bundles smaller than this are hashed after reading, without a thread."""
@@ -186,11 +194,16 @@ def _hashed(file: Path, stopped: Event | None) -> tuple[str, int | None]:
     """Hash of a file, and how much of it was read where that is not everything."""
     parts = ranged(file)
     if parts is None or parts.whole:
-        return _sha256(file, stopped), None
+        return file_sha256(file, stopped), None
     return parts.sha256(), parts.read_bytes
 
 
-def _sha256(file: Path, stopped: Event | None) -> str:
+def file_sha256(file: Path, stopped: Event | None = None) -> str:
+    """The hash of a file, read in blocks; not all of it once `stopped` is set.
+
+    Raises:
+        LogError: It cannot be read.
+    """
     digest, block = hashlib.sha256(), bytearray(_HASHED_BLOCK_BYTES)
     try:
         with file.open("rb", buffering=0) as stream:

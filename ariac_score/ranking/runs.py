@@ -12,7 +12,12 @@ from ariac_score.engine.score import score_trial
 from ariac_score.errors import ResultError, ScoreError
 from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for, work_by_of
 from ariac_score.results.result import Pinned, Result
-from ariac_score.results.result_file import load_result, refuse_impossible
+from ariac_score.results.result_file import (
+    check_follows,
+    check_rules,
+    read_result,
+    refuse_impossible,
+)
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["score_runs", "without_sketch"]
@@ -64,7 +69,7 @@ def score_runs(
             if _is_stored(run):
                 stored = _stored(run)
                 made_under.setdefault(stored.provenance.rule_set, run)
-                result = reprice(stored, rule_set)
+                result = _priced(stored, rule_set, run.path)
             else:
                 made_under.setdefault(Pinned(rule_set.id, rule_set.sha256), run)
                 result = score_trial(
@@ -103,7 +108,7 @@ def _is_stored(run: Run) -> bool:
 
 
 def _stored(run: Run) -> Result:
-    stored = load_result(run.path)
+    stored = read_result(run.path)
     refuse_impossible(stored, run.path)
     if stored.adjusted is not None:
         raise ResultError(
@@ -118,6 +123,27 @@ def _stored(run: Run) -> Result:
             hint="name stored results as the runs they are of",
         )
     return stored
+
+
+_OF_A_PRICE = ("score", "ledger", "task", "status", "missing", "possible", "assumptions", "interval")
+
+
+def _priced(stored: Result, rule_set: RuleSet, file: Path) -> Result:
+    """A stored result priced by a rule set, once where it says the same; one that was edited is refused.
+
+    Raises:
+        ResultError: Its score does not follow from its findings, or it holds other rules than it states.
+        ScoreError: It cannot be priced by these rules.
+    """
+    try:
+        check_rules(stored)
+        again = reprice(stored, rule_set)
+        if any(getattr(again, name) != getattr(stored, name) for name in _OF_A_PRICE):
+            check_follows(stored)  # by its own rules, or with values across teams
+    except ResultError as error:
+        error.file = error.file or str(file)
+        raise
+    return again
 
 
 def _refuse_different_rules(made_under: Mapping[Pinned, Run]) -> None:

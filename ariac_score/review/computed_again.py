@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
+from ariac_score.engine.provenance import file_sha256
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import NothingToScoreError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE, Competition, Run, load_competition, work_by_of
@@ -106,17 +107,37 @@ def _in_competition(
 
 
 def _run_of(stored: Result, competition: Competition) -> Run:
-    """The run of a competition that a result is of, by the names of its files."""
+    """The run of a competition that a result is of, by the names of its files, or else by their hashes."""
     names = [source.name for source in stored.provenance.inputs]
-    for run in competition.runs:
-        own = run.path.relative_to(competition.root).as_posix()
-        if any(name == own or name.startswith(f"{own}/") for name in names):
+    own = [(run, run.path.relative_to(competition.root).as_posix()) for run in competition.runs]
+    for run, place in own:
+        if any(name == place or name.startswith(f"{place}/") for name in names):
             return run
+    # Without configurations of the organiser, names are relative to the run itself.
+    alike = [
+        run
+        for run in competition.runs
+        if run.trial == stored.measured.trial and run.team == stored.measured.team
+        if any(name == run.path.name or (run.path / name).is_file() for name in names)
+    ]
+    if len(alike) > 1:
+        alike = [run for run in alike if _has_its_files(run, stored)] or alike[:1]
+    if alike:
+        return alike[0]
     raise NothingToScoreError(
         f"the competition has no run with {', '.join(names[:3]) or 'its files'}",
         file=competition.file,
         hint="give the log of the run itself as --log",
     )
+
+
+def _has_its_files(run: Run, stored: Result) -> bool:
+    """Whether a run has a file of a result, by size and hash."""
+    for source in stored.provenance.inputs:
+        file = run.path if run.path.is_file() else run.path / source.name
+        if file.is_file() and file.stat().st_size == source.bytes and file_sha256(file) == source.sha256:
+            return True
+    return False
 
 
 def _as_it_was_read(stored: Result, again: Result) -> tuple[Result, list[Step]]:

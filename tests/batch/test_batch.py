@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 import yaml
 
-from ariac_score import load_rule_set, score_trial
+from ariac_score import load_result, load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.description import Shard
 from ariac_score.batch.index import Row
@@ -39,6 +39,7 @@ from ariac_score.cli import main
 from ariac_score.engine import measure
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import prepare
+from ariac_score.engine.price import price_trial
 from ariac_score.errors import BatchError, NothingToScoreError, UsageError
 from ariac_score.results.result_file import as_json
 from ariac_score.scoring.ruleset import expanded_yaml, rule_set_from_text
@@ -381,6 +382,29 @@ def test_a_stored_result_that_is_not_what_the_index_says_is_made_again(
         forged = text.replace(f'"score": {json.loads(text)["score"]}', '"score": 99.0')
         assert forged != text
         stored.write_text({"cut": text[:-20], "forged": forged, "empty": ""}[damage], encoding="utf-8")
+
+    batch(trials, tmp_path / "out")
+
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+@pytest.mark.parametrize("lost", ["", "hashes", "runs.jsonl"])
+def test_a_forged_result_from_which_all_follows_is_scored_again_from_its_log(
+    trials: Path, tmp_path: Path, lost: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    stored = tmp_path / "out" / rows(tmp_path / "out")["/b.jsonl/1"].object
+    result = load_result(stored)
+    findings = {key: replace(one, message="kept") for key, one in result.measured.findings.items()}
+    measured = replace(result.measured, findings=findings, trial="better")
+    forged = as_json(price_trial(measured, load_rule_set(RULES), result.provenance))
+    stored.write_text(forged, encoding="utf-8")
+    load_result(stored)  # nothing in it says that it is forged
+    if lost == "runs.jsonl":
+        (tmp_path / "out" / lost).unlink()
+    if lost == "hashes":
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another"))
 
     batch(trials, tmp_path / "out")
 
@@ -1185,6 +1209,15 @@ def joined(parts: list[Path], out: Path, *, mixed_code: bool = False) -> Report:
     store = Store(out)
     with store.working() as work:
         return merge_batches(parts, store, work, mixed_code=mixed_code)
+
+
+def test_a_part_whose_rules_are_not_those_it_states_is_not_joined(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    rules = tmp_path / "out/rules.yaml"
+    rules.write_text(rules.read_text(encoding="utf-8") + "# edited\n", encoding="utf-8")
+
+    with pytest.raises(UsageError, match="and the part states"):
+        joined([tmp_path / "out"], tmp_path / "whole")
 
 
 def describe(part: Path, **changes: object) -> None:

@@ -18,7 +18,9 @@ from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.computed_again import _is_record
 from ariac_score.review.steps import Verification
 from ariac_score.review.verify import verify_result
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.testing.stored import rewritten
+from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "examples/kitting_near_miss.mcap"
@@ -120,6 +122,31 @@ def test_a_run_of_a_competition_is_found_by_the_names_of_its_files(
     again = verify_result(tmp_path / "r/cygnus/kitting_1.json", log=root)
     assert failed(again) == ["log", "recomputed"]
     assert "logs/cygnus/kitting_1/trial_log.txt: another file" in words(again, "log")
+
+
+@pytest.mark.parametrize("pattern", ["logs/{team}/{trial}_{run}.jsonl", "logs/{team}/{trial}_{run}"])
+def test_ranked_runs_of_any_layout_verify_against_their_competition(
+    pattern: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files, or folders whose files all have one name: only their hashes tell the runs of a team apart."""
+    root, results = tmp_path / "cup", tmp_path / "r"
+    for team in ("ours", "theirs"):
+        for run in (1, 2):
+            place = root / pattern.format(team=team, trial="kit", run=run)
+            log = place if place.suffix else place / "trial.jsonl"
+            log.parent.mkdir(parents=True, exist_ok=True)
+            kits = kitting_trial(human=False) if (team, run) == ("ours", 2) else kitting_trial()
+            write_trial_log(log, kits, signals=SNAPSHOT_SIGNALS)
+    (root / "competition.yaml").write_text(f"{{id: cup, rules: paper2020, runs: '{pattern}'}}")
+    assert main(["rank", str(root), "--results", str(results)]) == 0
+    capsys.readouterr()
+
+    for run in (1, 2):
+        assert main(["verify", str(results / f"ours/kit_{run}.json"), "--log", str(root)]) == 0
+    (root / pattern.format(team="ours", trial="kit", run=2)).rename(tmp_path / "gone")
+    # Where only folders have names of their own, the file of another run is another file.
+    gone = 5 if pattern.endswith(".jsonl") else 1
+    assert main(["verify", str(results / "ours/kit_2.json"), "--log", str(root)]) == gone
 
 
 def test_rules_that_are_not_installed_are_taken_from_the_result(tmp_path: Path) -> None:
@@ -241,9 +268,6 @@ def test_another_hash_or_size_of_the_log_is_found_with_the_log(stored: Path, tmp
 
 
 def test_another_log_is_not_its_log(stored: Path, tmp_path: Path) -> None:
-    from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log  # noqa: PLC0415
-    from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
-
     other = write_trial_log(tmp_path / "kitting_near_miss.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
     found = verify_result(stored, log=other)
 
