@@ -130,17 +130,34 @@ def cells_of(
     found = [np.array([window.start_s, window.end_s]), *measured]
     for stream in streams:
         starts, ends = stream.edges(window)
-        many = np.ceil(rate_m_s * (ends - starts) / CELL_M) if math.isfinite(rate_m_s) else MOST_CELLS
-        count = np.clip(many, LEAST_CELLS, MOST_CELLS) * np.ones(len(starts))
-        for cells in distinct(count):  # all intervals of as many cells at once
-            own = count == cells
-            shares = np.arange(cells + 1) / cells
-            found.append((starts[own, None] + (ends - starts)[own, None] * shares).ravel())
+        steps_s = _steps_s(ends - starts, rate_m_s)
+        for step_s in distinct(steps_s):  # all intervals that are cut alike at once
+            own = steps_s == step_s
+            found.append(_multiples(step_s, starts[own], ends[own]))
         found += [np.minimum(starts + INSTANT_S, ends), ends]
         found.append(stream.t[stream.open[1:] | stream.open[:-1]])
     t = distinct(np.concatenate(found))
     t = t[(t >= window.start_s) & (t <= window.end_s)]
     return Cells(t, np.append(t[1:], t[-1:]))
+
+
+def _steps_s(lasts_s: FloatArray, rate_m_s: float) -> FloatArray:
+    """How long the cells of open intervals are: powers of two, and the longer, the longer an interval is.
+
+    So the cells of an interval are those of the shorter ones within it, or several of them joined, and who
+    leaves out a sample in between never makes a bound narrower by cutting elsewhere.
+    """
+    shortest = np.maximum(lasts_s, TOLERANCE_S) / MOST_CELLS
+    wanted = np.maximum(np.minimum(CELL_M / max(rate_m_s, TOLERANCE_S), lasts_s / LEAST_CELLS), shortest)
+    return np.asarray(np.exp2(np.round(np.log2(wanted))), dtype=np.float64)
+
+
+def _multiples(step_s: float, starts: FloatArray, ends: FloatArray) -> FloatArray:
+    """All multiples of a step in some intervals."""
+    first = np.ceil(starts / step_s)
+    count = np.maximum(np.floor(ends / step_s) - first + 1, 0).astype(np.intp)
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray((np.repeat(first, count) + within) * step_s, dtype=np.float64)
 
 
 Places = NDArray[np.intp]

@@ -9,6 +9,7 @@ from ariac_score.results.result import SEQUENCE, Measured, Result
 from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.pricing import counted_world
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.trial.statements import NOBODY
 
 __all__ = ["as_scored", "counted", "left_open"]
 
@@ -32,6 +33,7 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
         monitors=rule_set.monitors,
         pauses_s={name: float(s) for name, s in pauses.items() if isinstance(s, int | float)},
         watched=measured.watched or measured.window,
+        endless=any(one.fact == "window" and one.by == NOBODY for one in measured.statements),
     )
 
 

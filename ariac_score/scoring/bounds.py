@@ -239,16 +239,26 @@ class _Around:
         elif function == "demerits":
             tau_s = options.get("tau_s", AGAIN_AFTER_S)
             of_one = lambda one: total(  # noqa: E731  # one line, as its neighbours have a method
-                [self._count(one), self._summed(one, lambda f: _depth(f) / tau_s, label)]
+                [self._count(one), self._summed(one, lambda f: _depth(f) / tau_s, label, lasts=True)]
             )
         elif function == "occurrences":
             of_one = lambda one: self._occurrences(one, options.get("every_s", AGAIN_AFTER_S))  # noqa: E731
         else:  # points and seconds: sums that are never beyond those of the two worlds
-            of_one = lambda one: self._summed(one, lambda f: priced({"": f}), label)  # noqa: E731
+            lasts = function == "seconds"
+            of_one = lambda one: self._summed(one, lambda f: priced({"": f}), label, lasts=lasts)  # noqa: E731
         return total([constant(priced(certain)), *map(of_one, variables)])
 
-    def _summed(self, one: Variable, worth: Callable[[Finding], float], label: str) -> Typed:
-        """A sum over findings that is between those of the best and of the worst world in all others."""
+    def _summed(
+        self, one: Variable, worth: Callable[[Finding], float], label: str, *, lasts: bool
+    ) -> Typed:
+        """A sum over findings that is between those of the best and of the worst world in all others.
+
+        Args:
+            one: Of which findings.
+            worth: What each adds.
+            label: The sum, as the formula has it.
+            lasts: Whether it is the more, the longer a violation lasts.
+        """
         ends: list[float] = []
         for worst in (False, True):
             try:
@@ -256,6 +266,9 @@ class _Around:
             except FormulaError:
                 ends.append(inf)
                 self._note_unbounded(label, one)
+        if lasts and one.endless:
+            ends[1] = inf
+            self._note_unbounded(label, one)
         return self.evaluation.input(one.key, *ends)
 
     def _count(self, one: Variable) -> Typed:
@@ -292,6 +305,8 @@ class _Around:
             for world in (one.best, one.worst)
         ]
         if _adds_up(quantity):
+            if one.endless:
+                values[1].append(inf)
             if inf in values[0] + values[1]:
                 self._note_unbounded(label, one)
             return self.evaluation.input(one.key, sum(values[0]), sum(values[1]))
@@ -338,7 +353,8 @@ class _Around:
         timeless = [
             one
             for one in variables
-            if not one.is_verdict and any(_is_violated(f) and f.span is None for f in one.worst.values())
+            if not one.is_verdict
+            and (one.endless or any(_is_violated(f) and f.span is None for f in one.worst.values()))
         ]
         for one in timeless:
             ends[1] = inf

@@ -30,6 +30,8 @@ class LeftOpen:
             others it stands for one verdict.
         pauses_s: By check how long a pause must be for two violations to be two.
         watched: The time in which violations may have been.
+        endless: Whether nobody knows when the competition started or ended: then nothing says how much more
+            of it there was than was recorded, and who stops a recording early gains nothing.
     """
 
     findings: tuple[OpenFindings, ...] = ()
@@ -37,6 +39,7 @@ class LeftOpen:
     monitors: frozenset[str] = frozenset()
     pauses_s: Mapping[str, float] = field(default_factory=dict)
     watched: Span | None = None
+    endless: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Variable:
         most: No world has more.
         limits: Of quantities that are not measured, the value in the best and the worst world; `None` for
             either where nothing bounds it. Those of `best` and `worst` where it is `None`.
+        endless: Whether there may have been more of it than in the worst world, for any time.
     """
 
     key: str
@@ -71,6 +75,7 @@ class Variable:
     fewest: float
     most: float
     limits: Mapping[str, tuple[float, float]] | None = None
+    endless: bool = False
 
     def world(self, *, worst: bool) -> Mapping[str, Finding]:
         """Its findings in one of its two worlds."""
@@ -99,7 +104,7 @@ def variables_of(
             continue
         seen = tuple(k for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject))
         covered.update(seen)
-        found.append(_between(one, seen))
+        found.append(_between(one, seen, endless=left_open.endless and one.check in left_open.monitors))
     for key in sorted(findings):
         finding = findings[key]
         if finding.verdict is Verdict.INCONCLUSIVE and finding.check in among and key not in covered:
@@ -110,7 +115,7 @@ def variables_of(
     return found
 
 
-def _between(one: OpenFindings, seen: tuple[str, ...]) -> Variable:
+def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool) -> Variable:
     in_best, in_worst = _violations(one.best.values()), _violations(one.worst.values())
     return Variable(
         key=f"{one.check} of {one.subject}",
@@ -125,7 +130,8 @@ def _between(one: OpenFindings, seen: tuple[str, ...]) -> Variable:
         is_verdict=False,
         tight=one.tight,
         fewest=min(in_best, in_worst),
-        most=max(in_best, in_worst),
+        most=inf if endless else max(in_best, in_worst),
+        endless=endless,
     )
 
 
@@ -164,7 +170,8 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
         is_verdict=False,
         tight=False,
         fewest=0,
-        most=_new_ones(span, left_open.pauses_s.get(finding.check, 0.0)),
+        most=inf if left_open.endless else _new_ones(span, left_open.pauses_s.get(finding.check, 0.0)),
+        endless=left_open.endless,
     )
 
 
