@@ -26,7 +26,7 @@ INSTANT_S = 1e-9
 
 CELL_M = 0.005
 """A cell is so short that nothing moves further in it, within the least and the most number of them."""
-LEAST_CELLS, MOST_CELLS = 2, 256
+LEAST_CELLS, MOST_CELLS = 2, 1024
 
 FAR_M = 1e6
 """Stands for a distance that nothing bounds."""

@@ -77,6 +77,8 @@ class Worlds:
     measures: Mapping[str, Mapping[str, Measure]]
     unbounded: dict[str, None] = field(default_factory=dict)
     """What nothing bounds, in words."""
+    sums: dict[tuple[str, ...], tuple[float, ...]] = field(default_factory=dict)
+    """Sums over findings, which many evaluations need: of a function in a scope, and of what is open."""
 
     def __post_init__(self) -> None:
         self.pricing = Pricing(self.sheet, self.trial, self.findings, self.cohort)
@@ -215,14 +217,21 @@ class _Around:
     ) -> Typed:
         certain, variables = self._split(check)
         label = f"{function}({', '.join([check, *(r.source for r in rest)])})"
+        given = (label, *(f"{name}={value!r}" for name, value in options.items()))
 
         def priced(findings: Mapping[str, Finding], of: str = function) -> float:
             if not findings:
                 return 0
             return self.names.value_and_shares(of, findings, rest, options, label)[0]
 
+        def seen() -> Typed:
+            sums, key = self.worlds.sums, (self.scope.path, *given)
+            if key not in sums:
+                sums[key] = (priced(certain),)
+            return constant(*sums[key])
+
         if not variables:
-            return constant(priced(certain))
+            return seen()
         if function in ("holds", "violated", "gate"):
             return self._turning(function, certain, variables)
         of_one: Callable[[Variable], Typed]
@@ -239,37 +248,42 @@ class _Around:
         elif function == "demerits":
             tau_s = options.get("tau_s", AGAIN_AFTER_S)
             of_one = lambda one: total(  # noqa: E731  # one line, as its neighbours have a method
-                [self._count(one), self._summed(one, lambda f: _depth(f) / tau_s, label, lasts=True)]
+                [self._count(one), self._summed(one, lambda f: _depth(f) / tau_s, given, lasts=True)]
             )
         elif function == "occurrences":
             of_one = lambda one: self._occurrences(one, options.get("every_s", AGAIN_AFTER_S))  # noqa: E731
         else:  # points and seconds: sums that are never beyond those of the two worlds
             lasts = function == "seconds"
-            of_one = lambda one: self._summed(one, lambda f: priced({"": f}), label, lasts=lasts)  # noqa: E731
-        return total([constant(priced(certain)), *map(of_one, variables)])
+            of_one = lambda one: self._summed(one, lambda f: priced({"": f}), given, lasts=lasts)  # noqa: E731
+        return total([seen(), *map(of_one, variables)])
 
     def _summed(
-        self, one: Variable, worth: Callable[[Finding], float], label: str, *, lasts: bool
+        self, one: Variable, worth: Callable[[Finding], float], given: tuple[str, ...], *, lasts: bool
     ) -> Typed:
         """A sum over findings that is between those of the best and of the worst world in all others.
 
         Args:
             one: Of which findings.
             worth: What each adds.
-            label: The sum, as the formula has it.
+            given: The function as the formula has it, and its options.
             lasts: Whether it is the more, the longer a violation lasts.
         """
-        ends: list[float] = []
-        for worst in (False, True):
-            try:
-                ends.append(sum(worth(f) for f in one.world(worst=worst).values()))
-            except FormulaError:
-                ends.append(inf)
-                self._note_unbounded(label, one)
-        if lasts and one.endless:
-            ends[1] = inf
-            self._note_unbounded(label, one)
-        return self.evaluation.input(one.key, *ends)
+        key = (one.key, self.scope.path, *given)
+        if key not in self.worlds.sums:
+            ends = [self._sum_in(one.world(worst=worst), worth) for worst in (False, True)]
+            if lasts and one.endless:
+                ends[1] = inf
+            if inf in ends:
+                self._note_unbounded(given[0], one)
+            self.worlds.sums[key] = tuple(ends)
+        return self.evaluation.input(one.key, *self.worlds.sums[key])
+
+    @staticmethod
+    def _sum_in(world: Mapping[str, Finding], worth: Callable[[Finding], float]) -> float:
+        try:
+            return sum(map(worth, world.values()))
+        except FormulaError:
+            return inf
 
     def _count(self, one: Variable) -> Typed:
         best, worst = (sum(map(_is_violated, one.world(worst=side).values())) for side in (False, True))
