@@ -195,7 +195,8 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
                     None if by is None else min(most - least, _rounded_end(by, None, digits, ROUND_CEILING)),
                 )
             )
-    return tuple(sorted(found, key=lambda one: (-(one.at_most or Decimal(0)), one.cause)))
+    # Of those that are worth the same, the first of its variable first: an unknown end before the gaps.
+    return tuple(sorted(found, key=lambda one: -(one.at_most or Decimal(0))))
 
 
 def _width(settled: Settled, keys: list[str], *, worst: bool) -> float:

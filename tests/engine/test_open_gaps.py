@@ -10,9 +10,10 @@ from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.doubt import left_open
 from ariac_score.scoring.interval import ScoreInterval
-from ariac_score.scoring.pricing import price
+from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+from ariac_score.trial.window import with_window
 
 RULES = """
 id: gaps
@@ -34,9 +35,21 @@ score: {score}
 
 
 def interval(
-    score: str, *, gap_s: float = 3.0, contact_m: float = 0.05, topics: tuple[str, ...] = ("/scanner",)
+    score: str,
+    *,
+    gap_s: float = 3.0,
+    contact_m: float = 0.05,
+    topics: tuple[str, ...] = ("/scanner",),
+    ended: bool = True,
 ) -> ScoreInterval:
     """Of a robot and a human 2 m apart before and after a gap (G6); one human for each topic."""
+    found = scored(score, gap_s, contact_m, topics, ended=ended)
+    assert found.interval is not None
+    return found.interval
+
+
+def scored(score: str, gap_s: float, contact_m: float, topics: tuple[str, ...], *, ended: bool) -> Priced:
+    """The same, as it is priced."""
     t = np.concatenate([np.arange(101) * 0.01, 1.0 + gap_s + np.arange(101) * 0.01])
     humans = [f"human_{number}" for number in range(len(topics))]
     signals = {
@@ -48,14 +61,14 @@ def interval(
         "t",
         bodies=(Body("arm", "robot"), *(Body(human, "human") for human in humans)),
         signals=signals,
-        events=(Event(0.0, COMPETITION_STARTED), Event(end_s, COMPETITION_ENDED)),
+        events=(Event(0.0, COMPETITION_STARTED), Event(end_s, COMPETITION_ENDED))[: 1 + ended],
         witnessed=frozenset({"bodies"}),
         recorded=Span(0.0, end_s),
     )
     rules = prepare(rule_set_from_text(RULES.format(score=score, contact_m=contact_m), file="gaps"))
-    measured = measure_trial(trial, rules)
+    measured = measure_trial(with_window(trial, ""), rules)
     sheet, policies = rules.rule_set.sheet, rules.rule_set.policies
-    priced = price(
+    return price(
         measured.findings,
         measured.scopes,
         sheet,
@@ -64,8 +77,6 @@ def interval(
         measures=measured.measures,
         left_open=left_open(measured, rules.rule_set),
     )
-    assert priced.interval is not None
-    return priced.interval
 
 
 def test_g19_the_charge_of_one_rise_and_fall_is_its_peak_and_its_integral() -> None:
@@ -76,7 +87,7 @@ def test_g19_the_charge_of_one_rise_and_fall_is_its_peak_and_its_integral() -> N
 
     assert found.most == 12
     # Cells make the worst world a little worse, and never better.
-    assert 7.741935 - 0.05 < float(found.least) <= 7.741935
+    assert 7.741935 - 0.003 < float(found.least) <= 7.741935
     assert found.tight
 
 
@@ -84,7 +95,7 @@ def test_g6_a_second_at_most_is_spent_too_near() -> None:
     found = interval("10 - seconds(near)")
 
     assert found.most == 10
-    assert 9.0 - 0.02 < float(found.least) <= 9.0
+    assert 9.0 - 0.003 < float(found.least) <= 9.0
 
 
 def test_one_gap_that_two_monitors_see_is_one_cause_and_not_paid_twice() -> None:
@@ -117,3 +128,20 @@ def test_a_gap_that_two_checks_price_either_way_is_an_outer_bound() -> None:
 
     assert (float(found.least), float(found.most)) == (pytest.approx(9.0, abs=0.02), 12.0)
     assert not found.tight
+
+
+@pytest.mark.parametrize("gap_s", [0.01, 3.0])
+@pytest.mark.parametrize("cost", ["seconds(near)", "count(near)", "demerits(near)", "charged(near=1)"])
+def test_who_stops_the_recording_early_gains_nothing(gap_s: float, cost: str) -> None:
+    """What came after it may have lasted for any time, so a score has the least that its formula allows."""
+    found = interval(f"12 / (1 + {cost})", gap_s=gap_s, ended=False)
+
+    assert (found.least, found.most, found.tight) == (0, 12, False)
+    assert "the log does not show the end of the competition" in found.narrowing[0].cause
+
+
+def test_a_price_without_a_least_has_no_score_where_the_end_is_not_shown() -> None:
+    found = scored("10 - seconds(near)", 3.0, 0.05, ("/scanner",), ended=False)
+
+    assert found.interval is None
+    assert "nothing bounds seconds(near) of arm/human_0" in found.missing

@@ -164,6 +164,21 @@ def test_leaving_samples_out_never_makes_the_worst_world_better() -> None:
         assert len([f for f in whole[0] if f.verdict is Verdict.VIOLATED]) <= len(worst)
 
 
+def test_the_worst_world_of_fewer_samples_has_no_less_of_anything_than_that_of_more() -> None:
+    """Whatever an adversary leaves out, with every interval bounded: to the last digit, not nearly."""
+    random = np.random.default_rng(4)
+    for _ in range(4):
+        steps = np.cumsum(random.uniform(-0.01, 0.01, size=40))
+        times = np.cumsum(random.uniform(0.01, 0.09, size=40))
+        more = dict(zip(times.tolist(), np.abs(1.0 + steps).tolist(), strict=True))
+        fewer = {t: d for t, d in more.items() if t in (times[0], times[-1]) or random.random() > 0.4}
+        both = [found(NEARER_THAN_1_M, trial(one, every=True)) for one in (more, fewer)]
+        honest, robbed = (opened[0].worst if opened else tuple(findings) for findings, opened in both)
+
+        for quantity in ("time_in_violation_s", "depth_integral_m_s"):
+            assert of_gap(honest, quantity) <= of_gap(robbed, quantity) + 1e-12
+
+
 def test_violations_that_may_be_one_or_several_are_counted_both_ways() -> None:
     """Nearer than 1 m before and after 3 s without samples, with pauses of a second: 1 to 3 violations."""
     monitor = replace(NEARER_THAN_1_M, t_off_s=1.0)
