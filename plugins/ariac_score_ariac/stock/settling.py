@@ -217,8 +217,10 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
     )
     named = named_submissions(deliveries, orders, evidence)
     witnessed = {"submissions"} | set(score.witnessed if score else ())
-    if any(task.agv != "any" or task.station for order in orders for task in order.tasks):
-        witnessed.add(ARM_COLLISION)  # printed from 2019 on, when orders first name an AGV
+    # Printed from 2019 on: there orders may name an AGV, and kits that leave have no name.
+    named_agvs = any(task.agv != "any" or task.station for order in orders for task in order.tasks)
+    if named_agvs or any(not delivery.shipment for delivery in deliveries):
+        witnessed.add(ARM_COLLISION)
     return Stock(named.submissions, official, frozenset(witnessed), tuple(events), named.open, named.defects)
 
 
