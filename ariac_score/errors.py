@@ -16,6 +16,7 @@
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
+    │   ├── CutOffError             6  a log ends before its end, as when its recorder was killed
     │   ├── ContradictionError      6  two files state one fact of a trial differently
     │   ├── OtherUnitError          6  a number of an event is in another unit than a check asks for
     │   └── MissingSignalError      6  a check needs a signal that the log does not contain
@@ -35,6 +36,7 @@ from difflib import get_close_matches
 __all__ = [
     "BatchError",
     "ContradictionError",
+    "CutOffError",
     "DataFileError",
     "FormulaError",
     "LocalPluginError",
@@ -182,6 +184,15 @@ class LogError(ScoreError):
     """A log exists but cannot be read as one whole trial."""
 
     exit_code = 6
+
+
+class CutOffError(LogError):
+    """A log ends before its end; what is before is readable, and can be scored where that is asked for."""
+
+    def __init__(self, cause: str, *, file: object = None, place: str = "", hint: str = "") -> None:
+        asking = "or ask for an unofficial score of what is there: --partial"
+        hint = hint if asking in hint else f"{hint}; {asking}" if hint else asking
+        super().__init__(cause, file=file, place=place, hint=hint)
 
 
 class NothingToScoreError(LogError):

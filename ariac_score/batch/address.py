@@ -34,10 +34,14 @@ MOST_ENTRIES = 100_000
 """The most files and folders that one run may have."""
 
 
-def basis_of(prepared: Prepared) -> str:
+def basis_of(prepared: Prepared, *, partial: bool = False) -> str:
     """Hash of everything but the run that a measurement depends on: checks, log map, competition, code.
 
     Prices are not in it: when only they change, measurements stay valid.
+
+    Args:
+        prepared: The rule set.
+        partial: Whether logs that are cut off are measured as far as they go.
     """
     rule_set = prepared.rule_set
     named = [rule_set.competition] if rule_set.competition else []
@@ -45,7 +49,9 @@ def basis_of(prepared: Prepared) -> str:
         [[check.name, check.use, dict(check.parameters)] for check in checks]
         for checks in (named, rule_set.checks.values())
     )
-    return _hash([_SCHEMA, competition, prepared.log_map.sha256, checks, code_of(prepared)])
+    # Left out where it does not hold, so that older addresses stay what they were.
+    asked = ["partial"] if partial else []
+    return _hash([_SCHEMA, competition, prepared.log_map.sha256, checks, code_of(prepared), *asked])
 
 
 def measuring_address(task: RunTask, contents: str, basis: str) -> str:

@@ -35,6 +35,7 @@ __all__ = [
 
 OUTCOMES: Mapping[str, str] = {
     "scored": "it has a score",
+    "unofficial": "its log is cut off; the score of what is there stands, as was asked for",
     "needs_cohort": "it is measured; its score follows when all teams are ranked",
     "undecided": "something the score depends on could not be decided",
     "crashed": "the simulator crashed",
@@ -161,6 +162,7 @@ class _Official(Struct):
 class _Measured(Struct):
     findings: dict[str, _Finding]
     official: _Official | None
+    unofficial: list[str] = []
 
 
 class _Assumption(Struct):
@@ -190,11 +192,15 @@ class _Result(Struct, tag_field="schema", tag=RESULT.tag):
     @property
     def outcome(self) -> str:
         ended = self.measured.official.outcome if self.measured.official else ""
-        return ended if ended in ("crashed", "cancelled") else _STATUS[self.status]
+        outcome = ended if ended in ("crashed", "cancelled") else _STATUS[self.status]
+        return "unofficial" if self.measured.unofficial and outcome in ("scored", "needs_cohort") else outcome
 
     @property
     def reason(self) -> str:
         """The first thing that withholds the score, and whom it is about."""
+        unofficial = "; ".join(self.measured.unofficial)
+        if unofficial:
+            return f"{unofficial}; {self.missing}" if self.missing else unofficial
         if self.outcome not in _STATUS.values():
             return OUTCOMES[self.outcome]
         withheld = next((a for a in self.assumptions if a.policy == "withhold"), None)

@@ -98,6 +98,7 @@ class BatchSetting:
             the checks that both have; empty otherwise.
         storages: The schemes of the URIs of runs, separated by commas; workers load their libraries once.
         local_plugins: The files of code beside the rule set that the competition allows, with their SHA-256.
+        partial: Whether logs that are cut off are scored as far as they go, unofficially.
     """
 
     rules: str
@@ -108,6 +109,7 @@ class BatchSetting:
     earlier_basis: str = ""
     storages: str = ""
     local_plugins: tuple[tuple[str, str], ...] = ()
+    partial: bool = False
 
     @classmethod
     def of(cls, rule_set: RuleSet, limits: Limits, *, ranges: bool = False) -> BatchSetting:

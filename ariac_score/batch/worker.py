@@ -150,7 +150,7 @@ def _perform_local(
     document = _priced_again(earlier, rules.rule_set) if earlier is not None else None
     if document is None:
         known = _measured_before(task, contents, setting, store) if store is not None else None
-        document = _scored(task, rules, known)
+        document = _scored(task, rules, known, partial=setting.partial)
     if not changing and signature_of(task) != before:
         document = _because(task, "changing", "its files changed while they were read; call again when done")
         return Done(task, "", "", "", document)
@@ -237,7 +237,7 @@ def _measured_before(task: RunTask, contents: str, setting: BatchSetting, store:
     return _recorded(task, store, measuring_address(task, contents, setting.earlier_basis))
 
 
-def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
+def _scored(task: RunTask, rules: Prepared, known: Result | None, *, partial: bool) -> bytes:
     root = Path(task.root) if task.root else Path(task.path).parent
     try:
         result = score_trial(
@@ -249,6 +249,7 @@ def _scored(task: RunTask, rules: Prepared, known: Result | None) -> bytes:
             trial_id=task.trial if task.root else "",
             team=task.team,
             known=known,
+            partial=partial,
         )
         return as_json(result).encode("utf-8")
     except ScoreError as error:
@@ -284,7 +285,7 @@ def prepared(setting: BatchSetting) -> tuple[Prepared, str]:
     """The rules and the basis of a setting, made once in a process and in those forked from it."""
     rules = prepare(setting.rule_set(), registry=setting.registry(installed()))
     expanded_yaml(rules.rule_set)  # cached, and every result holds it
-    return rules, basis_of(rules)
+    return rules, basis_of(rules, partial=setting.partial)
 
 
 # In a process of its own ---------------------------------------------------------------

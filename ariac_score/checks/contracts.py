@@ -398,6 +398,8 @@ class Wanted:
         jobs: Threads a reader may use for what does not depend on their number; 0: as many as
             there are processors.
         tracks: Sees more in poses of models than motion, where the log map names such a plugin.
+        partial: Whether a log that is cut off is wanted as far as it goes; the trial then says so
+            (`Trial.cut`).
     """
 
     log_map: LogMap
@@ -407,6 +409,7 @@ class Wanted:
     run: int | None = None
     jobs: int = 0
     tracks: TrackReader | None = None
+    partial: bool = False
 
 
 @dataclass(frozen=True)
@@ -490,6 +493,7 @@ class Reader(Protocol):
         """The trial (or the part of it) that the log shows.
 
         Raises:
+            CutOffError: It is cut off, and not wanted in part.
             LogError: The log is damaged so that a score would rest on part of it.
         """
         ...

@@ -23,6 +23,7 @@ from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import OnOutcome, Report, run_batch
 from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, TaskKey, of_shard, plan_batch, shard
 from ariac_score.cli.notes import counted, is_quiet, note
+from ariac_score.cli.partial import add_partial
 from ariac_score.errors import UsageError
 from ariac_score.installed.system import shortfalls
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -82,6 +83,7 @@ def register(commands: Any) -> None:
         action="store_true",
         help="of remote recordings fetch only the parts that the rules need; results show how much was read",
     )
+    add_partial(parser, "score logs that are cut off as far as they go, as intervals; unofficial")
     parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of the executor's cluster")
     parser.set_defaults(run=run)
 
@@ -110,7 +112,12 @@ def run(arguments: argparse.Namespace) -> int:
         setting = BatchSetting.of(rule_set, limits, ranges=arguments.ranges)
         schemes = {task.path.partition("://")[0] for task in plan.tasks if task.remote}
         allowed = tuple(sorted(plan.competition.local_plugins.items())) if plan.competition else ()
-        setting = replace(setting, storages=",".join(sorted(schemes)), local_plugins=allowed)
+        setting = replace(
+            setting,
+            storages=",".join(sorted(schemes)),
+            local_plugins=allowed,
+            partial=bool(arguments.partial),
+        )
         return _run(arguments, plan, rule_set, setting, part)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import is_quiet
+from ariac_score.cli.partial import add_partial
 from ariac_score.report.openness import open_sentence
 from ariac_score.review.readiness import Readiness, check_log
 from ariac_score.scoring.ruleset import load_rule_set
@@ -40,6 +41,7 @@ def register(commands: Any) -> None:
         "--rules", required=True, metavar="NAME", help="rule set: a name ('rules list') or a .yaml file"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_partial(parser, "check a log that is cut off as far as it goes; its score would be unofficial")
     add_local_plugins(parser)
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
@@ -55,6 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             log_map=arguments.log_map,
             registry=registry_of(arguments),
             progress=progress,
+            partial=bool(arguments.partial),
         )
     if arguments.output_format == "json":
         print(json.dumps(_data(found), indent=1, sort_keys=True))
@@ -95,6 +98,7 @@ def _data(found: Readiness) -> dict[str, Any]:
         "ready": found.ready,
         "rule_set": found.result.provenance.rule_set.id,
         "status": found.result.status,
+        "unofficial": list(found.result.measured.unofficial),
         "lacks": [
             {"what": lack.what, "effect": lack.effect, "cause": lack.cause, "remedy": lack.remedy}
             for lack in found.lacks

@@ -9,6 +9,7 @@ from typing import Any
 
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import counted, is_quiet
+from ariac_score.cli.partial import add_partial
 from ariac_score.engine.measure import decidable
 from ariac_score.engine.prepared import prepare, words_of
 from ariac_score.engine.read import competition_of, find_trial, no_work_found, read_trial
@@ -17,6 +18,7 @@ from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.terminal.output import progress_bar
 from ariac_score.terminal.style import plain, style_for
+from ariac_score.trial.cut_off import with_cut
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.words import HANDED_IN, Words
 from ariac_score.trial.work import Fact, WorkItem, announced_s
@@ -38,6 +40,7 @@ def register(commands: Any) -> None:
         "--rules", default="", metavar="NAME", help="show which checks of this rule set could be decided"
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
+    add_partial(parser, "show the trial of a log that is cut off, as far as it goes")
     add_local_plugins(parser)
     parser.set_defaults(run=run)
 
@@ -58,11 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
             print(style(f"  DAMAGED: {plain(description.damage)}", "red"))
     for name in bundle.ignored:
         print(style(f"not read: {plain(name)}", "dim"))
-    if damaged:
+    if damaged and not arguments.partial:
         return EXIT_DAMAGED
     for line in _trial_lines(arguments, bundle, readers, registry):
         print(line)
-    return 0
+    return EXIT_DAMAGED if damaged else 0
 
 
 def _described(description: Any) -> list[str]:
@@ -101,6 +104,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
                 registry,
                 quantities=[*QUANTITIES, *mapping.quantities],
                 progress=progress,
+                partial=bool(arguments.partial),
                 work=False,  # what moves is worth knowing of a log without work too
             )
     except NothingToScoreError as error:
@@ -108,6 +112,8 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
     except LogError as error:
         return ["", f"As a trial: {error} — {error.hint}"]
     lines = ["", f"Under log map {mapping.id}"]
+    if trial.cut is not None:
+        lines.append(f"  unofficial: {plain(trial.cut.words)}")
     words = prepared.words if prepared else words_of(competition_of(mapping, registry))
     lines += [_item_line(item, words) for item in trial.work]
     if words.hands_in or trial.submissions:
@@ -129,6 +135,7 @@ def _trial_lines(arguments: argparse.Namespace, bundle: Any, readers: Any, regis
         found = no_work_found(bundle, trial, words, mapping)
         return [*lines, "", f"Under rule set {prepared.rule_set.id}: {found.cause}", f"  {plain(found.hint)}"]
     if prepared:
+        trial = with_cut(trial, about_work=prepared.rule_set.about_work)
         lines += ["", f"Under rule set {prepared.rule_set.id}"]
         lines += [f"  {check:<20} {plain(answer)}" for check, answer in decidable(trial, prepared)]
     return lines

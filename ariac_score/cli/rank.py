@@ -13,6 +13,7 @@ from typing import Any
 from ariac_score.batch.results import results_of_batch
 from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import FORMAT_HELP
+from ariac_score.cli.partial import add_partial
 from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.adjusting import adjusted_ranking
@@ -92,6 +93,7 @@ def register(commands: Any) -> None:
         metavar="POINTS",
         help="say instead how many trials and runs would tell teams apart that differ by POINTS a trial",
     )
+    add_partial(parser, "also rank runs whose logs are cut off, by what is there; the ranking is unofficial")
     parser.set_defaults(run=run)
 
 
@@ -119,10 +121,10 @@ def run(arguments: argparse.Namespace) -> int:
                 rule_set,
                 progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
                 sketches=arguments.results is not None,
+                partial=bool(arguments.partial),
             )
-    ranking = adjusted_by_stewards(
-        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
-    )
+    ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
+    ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)
     if arguments.design is not None:
         sizes = designs(sampled(ranking, spec, rule_set.digits), spec, arguments.design)
         write(design_text(sizes, arguments.design, len(ranking.standings)), arguments.output)

@@ -11,6 +11,7 @@ from ariac_score.cli.apart import is_apart, run_apart
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.cli.notes import is_quiet
 from ariac_score.cli.outcome import add_output, show
+from ariac_score.cli.partial import add_partial
 from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
@@ -37,6 +38,7 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_trial_config(parser)
+    add_partial(parser)
     add_local_plugins(parser)
     add_cohort(parser)
     parser.add_argument(
@@ -104,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
             registry=registry_of(arguments),
             progress=progress,
             jobs=arguments.jobs,
+            partial=bool(arguments.partial),
         )
     if cohort is not None:
         result = reprice(result, rule_set, values_of(cohort, arguments, result))

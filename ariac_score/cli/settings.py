@@ -35,7 +35,8 @@ class Setting:
 
     Attributes:
         name: In a file, and as an option.
-        kind: `text`, `number`, `list`; `rules` for a name or a .yaml file, `path` for a file or folder.
+        kind: `text`, `number`, `flag`, `list`; `rules` for a name or a .yaml file, `path` for a file or
+            folder.
         about: What it says.
         commands: Those it is for; they have an option of its name.
         matters: Whether a result depends on it, so that it is said whence it comes.
@@ -85,6 +86,13 @@ SETTINGS = {
         Setting("fail-on", "list", "when the exit code is 1, such as violation", _SHOWN),
         Setting("jobs", "number", "threads that read a log; runs of a batch at a time", ("score", "batch")),
         Setting("time-limit-s", "number", "how long a run may take, in s", ("score", "batch")),
+        Setting(
+            "partial",
+            "flag",
+            "whether logs that are cut off are scored as far as they go, unofficially",
+            ("score", "check", "info", "batch", "rank"),
+            matters=True,
+        ),
         Setting("memory-mb", "number", "address space of a run, in MiB", ("batch",)),
     )
 }
@@ -281,13 +289,17 @@ class _Reading:
         Raises:
             DataFileError: Its value is of another kind.
         """
-        kinds: dict[str, Any] = {"number": (int, float), "list": list}
+        kinds: dict[str, Any] = {"number": (int, float), "list": list, "flag": bool}
         kind = kinds.get(setting.kind, str)
-        right = isinstance(value, kind) and not isinstance(value, bool)
+        right = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
         if right and kind is list:
             right = all(isinstance(item, str) for item in value)
         if not right or value == "":
-            words = {"number": "a number", "list": 'a list of texts, such as ["violation"]'}
+            words = {
+                "number": "a number",
+                "flag": "true or false",
+                "list": 'a list of texts, such as ["violation"]',
+            }
             wanted = words.get(setting.kind, "a text in quotes")
             cause = f"{setting.name} cannot be {json.dumps(value, default=str)[:60]}"
             raise self.error(cause, setting.name, command, f"give {wanted}")
@@ -326,10 +338,18 @@ def _is_file(name: str) -> bool:
     return "/" in name or name.endswith((".yaml", ".yml"))
 
 
+_FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
 def _from_text(setting: Setting, text: str) -> Any:
     """The value of an environment variable."""
     if setting.kind == "list":
         return [item.strip() for item in text.split(",") if item.strip()]
+    if setting.kind == "flag":
+        if text.lower() not in _FLAGS:
+            hint = f"give one of {', '.join(_FLAGS)}"
+            raise UsageError(f"{text!r} is neither yes nor no", file=setting.variable, hint=hint)
+        return _FLAGS[text.lower()]
     if setting.kind == "number":
         try:
             return float(text) if "." in text else int(text)

@@ -15,8 +15,8 @@ from ariac_score.checks.measures import measures_of
 from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask_worlds, charts_of
-from ariac_score.engine.open_window import opened_by_window
-from ariac_score.engine.prepared import Prepared, Rules, prepare
+from ariac_score.engine.open_window import ended_at_cut, opened_by_cut, opened_by_window
+from ariac_score.engine.prepared import Prepared, PreparedCheck, Rules, prepare
 from ariac_score.errors import LogError
 from ariac_score.monitors.unseen import broken_bounds
 from ariac_score.results.result import Coverage, Measured, Result
@@ -30,6 +30,8 @@ from ariac_score.trial.signals import Series, Signal
 from ariac_score.trial.spans import Span, distinct, longest_silence_s
 from ariac_score.trial.vocabulary import quantity_of
 from ariac_score.trial.work import Fact, WorkItem, announced_s
+
+_RULES = "ariac_score.rules"
 
 __all__ = ["decidable", "measure_trial", "needs_alike", "sketch_trial", "stored_findings", "stored_name"]
 
@@ -63,10 +65,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         if known and before is not None:
             found, worlds = stored_findings(known, before, wanted), _stored_worlds(known, before, wanted)
         else:
-            found, worlds = ask_worlds(each.plugin, name, each.check, trial, words=prepared.words)
-            found, by_window = opened_by_window(found, each, trial, prepared)
-            hang_on_window = {one.subject for one in by_window}
-            worlds = [*(one for one in worlds if one.subject not in hang_on_window), *by_window]
+            found, worlds = _asked(name, each, trial, prepared)
         opened += worlds
         for number, finding in enumerate(found, start=1):
             findings[f"{name}#{number}"] = finding
@@ -85,11 +84,31 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         team=trial.team.name if trial.team else "",
         watched=watched_in(trial),
         statements=trial.statements,
+        cut=trial.cut,
+        unofficial=unofficial_of(trial),
         measures={
             name: dict(own) for name, each in prepared.checks.items() if (own := measures_of(each.check))
         },
         open=tuple(opened),
     )
+
+
+def _asked(
+    name: str, each: PreparedCheck, trial: Trial, prepared: Prepared
+) -> tuple[list[Finding], list[OpenFindings]]:
+    """What a check finds, and what it leaves open, with what hangs on a start or end that nobody knows."""
+    seen = ended_at_cut(trial) if prepared.rule_set.checks[name].group != _RULES else trial
+    found, worlds = ask_worlds(each.plugin, name, each.check, seen, words=prepared.words)
+    if trial.cut is None or not trial.cut.open_end or trial.started_s is None:
+        found, by_window = opened_by_window(found, each, seen, prepared)
+        hang_on_window = {one.subject for one in by_window}
+        worlds = [*(one for one in worlds if one.subject not in hang_on_window), *by_window]
+    return opened_by_cut(found, worlds, each, trial, prepared)
+
+
+def unofficial_of(trial: Trial) -> tuple[str, ...]:
+    """Why nothing official can follow from what is measured of a trial, in words."""
+    return () if trial.cut is None else (trial.cut.words,)
 
 
 def _refuse_broken_bounds(trial: Trial, prepared: Prepared) -> None:
@@ -202,6 +221,8 @@ def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
     index = _announced_as(trial)
     outermost = tuple(_scope(item, "", {"index": index[item.id]}) for item in trial.work)
     whole: dict[str, Fact] = {"orders": len(outermost), "duration_s": canonical(trial.duration_s)}
+    if trial.cut is not None and trial.cut.open_end:
+        del whole["duration_s"]  # nobody knows it
     # Of the trial only what formulas may name: a record may state a hundred numbers.
     declared = rule_set.sheet.facts_of(TRIAL).keys() - whole.keys()
     whole |= {name: trial.facts[name] for name in sorted(declared & trial.facts.keys())}

@@ -1,4 +1,4 @@
-"""What is open about a trial of which nobody knows when the competition started or ended."""
+"""What is open about a trial of which nobody knows when the competition started, or what came at its end."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from dataclasses import replace
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.open_findings import Cause, OpenFindings
+from ariac_score.checks.when_cut import when_cut_of
 from ariac_score.engine.ask import ask
 from ariac_score.engine.prepared import Prepared, PreparedCheck
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.model import Trial
 
-__all__ = ["opened_by_window"]
+__all__ = ["ended_at_cut", "opened_by_cut", "opened_by_window"]
 
 _RULES = "ariac_score.rules"
 
@@ -45,6 +47,70 @@ def opened_by_window(
     message = f"{trial.window_open}, so part of it may be missing"
     more = replace(Finding.inconclusive("trial", message, span=trial.window), check=each.name)
     return [*found, more], []
+
+
+def ended_at_cut(trial: Trial) -> Trial:
+    """A trial whose log is cut off, as if the competition had ended there; as it is where the log is whole.
+
+    So a monitor says what was seen, no more and no less; what may have come later is added to it.
+    """
+    if trial.cut is None or not trial.cut.open_end or trial.recorded is None:
+        return trial
+    events = [*trial.events, Event(trial.recorded.end_s, COMPETITION_ENDED)]
+    if trial.started_s is None and not _lacks_start(trial):  # the rules take all of the recording
+        events.append(Event(trial.recorded.start_s, COMPETITION_STARTED))
+    return replace(trial, events=tuple(sorted(events)), window_open="")
+
+
+def _lacks_start(trial: Trial) -> bool:
+    return trial.started_s is None and "start of the competition" in trial.window_open
+
+
+def opened_by_cut(
+    found: list[Finding], worlds: list[OpenFindings], each: PreparedCheck, trial: Trial, prepared: Prepared
+) -> tuple[list[Finding], list[OpenFindings]]:
+    """The findings of a check, with what is open because the log is cut off and the trial went on.
+
+    Args:
+        found: What it found: a monitor as if the competition had ended there.
+        worlds: What it leaves open.
+        each: The check.
+        trial: The trial.
+        prepared: The rule set.
+    """
+    says = when_cut_of(each.check)
+    if trial.cut is None or not trial.cut.open_end or says == "kept" or _is_whole(says, trial):
+        return found, worlds
+    is_rule = prepared.rule_set.checks[each.name].group == _RULES
+    if is_rule and says == "witnessed":
+        return [_opened(f, trial.window_open) if _may_come(f, trial) else f for f in found], worlds
+    if is_rule:
+        return [_opened(finding, trial.window_open) for finding in found], []
+    if says == "adds" and _nobody_ever(found, trial):
+        return found, worlds
+    message = f"{trial.window_open}, and nobody knows what came after"
+    later = replace(Finding.inconclusive("trial", message), check=each.name)
+    if says != "adds":
+        return [later], []
+    said = [f for f in found if f.verdict is Verdict.INCONCLUSIVE and f.subject == "trial" and f.span is None]
+    return [*(f for f in found if f not in said), later], worlds
+
+
+def _is_whole(says: str, trial: Trial) -> bool:
+    """Whether a check rests on an official record that is no part of the log that is cut off."""
+    return says == "official" and trial.cut is not None and trial.cut.official
+
+
+def _may_come(finding: Finding, trial: Trial) -> bool:
+    """Whether something may have been handed in later that a rule misses."""
+    path, submitted = set(finding.subject.split("/")), {one.item_id for one in trial.submissions}
+    return finding.verdict is Verdict.VIOLATED and not path & submitted
+
+
+def _nobody_ever(found: Sequence[Finding], trial: Trial) -> bool:
+    """Whether a monitor found nobody to watch, and a configuration says that nobody comes."""
+    nobody = all(f.verdict is Verdict.NOT_APPLICABLE and f.subject == "trial" for f in found)
+    return nobody and any(kind.endswith(" bodies") for kind in trial.witnessed)
 
 
 def _of_rule(

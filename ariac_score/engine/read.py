@@ -28,6 +28,7 @@ from ariac_score.logs.bundle import Bundle, Part, find_parts, name_from, with_pa
 from ariac_score.scoring.ruleset import Check
 from ariac_score.trial.build import merge_trials
 from ariac_score.trial.channels import LogMap, PluginUse
+from ariac_score.trial.cut_off import known_part, with_cut
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.model import TeamSetup, Trial
 from ariac_score.trial.statements import OF_THE_ORGANISER, ORGANISER, FileOrigin
@@ -191,6 +192,7 @@ def read_trial(
     jobs: int = 0,
     work: bool = True,
     competition: PreparedCheck | None = None,
+    partial: bool = False,
 ) -> Trial:
     """The one trial that the parts of a bundle record.
 
@@ -204,8 +206,10 @@ def read_trial(
         jobs: Threads that read a recording, one of which decodes; 0: as many as there are processors.
         work: Whether a trial without any work is refused.
         competition: Joins what several logs say; by default the one that the log map names.
+        partial: Whether a log that is cut off is read as far as it goes.
 
     Raises:
+        CutOffError: A log is cut off, and not wanted in part.
         LogError: A part is damaged, or two parts contradict each other.
         NothingToScoreError: There is configuration but no record of a trial, or no work.
     """
@@ -227,10 +231,10 @@ def read_trial(
             progress((before + done) / len(bundle.parts))
 
         own_map = log_map.filled(facts) if part.role == "log" else log_map
-        wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks)
+        wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks, partial)
         named = name_from(bundle.folder, part.path)
         origin = FileOrigin(_folder_of(part) if named == "." else named, part.role, part.given)
-        trials[number] = replace(readers[part.reader].read(part.path, wanted), origin=origin)
+        trials[number] = known_part(replace(readers[part.reader].read(part.path, wanted), origin=origin))
         # Not what lies beside what the caller gave: it counts for nothing.
         facts |= {} if part.role == "log" or (part.role in given and not part.given) else trials[number].facts
     name = trials[0].id if len(trials) == 1 else bundle.id
@@ -289,6 +293,7 @@ def read_needed(
     work: bool | None = None,
     trial_id: str = "",
     team: str = "",
+    partial: bool = False,
 ) -> Trial:
     """The trial of a bundle, with the signals that the checks of a rule set need; nothing is derived yet.
 
@@ -301,6 +306,7 @@ def read_needed(
         work: Whether a trial without any work is refused; by default where the rules are about work.
         trial_id, team: Whose trial it is to be, where the caller knows: a manifest that names another attests
             nothing.
+        partial: As for `read_trial`.
 
     Raises:
         LogError: A part is damaged, or two parts contradict each other.
@@ -317,8 +323,10 @@ def read_needed(
         work=prepared.rule_set.about_work if work is None else work,
         competition=competition_of(prepared.log_map, prepared.registry, prepared.rule_set.competition)
         or prepared.competition,
+        partial=partial,
     )
     trial = with_window(trial, prepared.rule_set.authority.window)
+    trial = with_cut(trial, about_work=prepared.rule_set.about_work)
     trial = with_completeness(trial, prepared, trial_id=trial_id, team=team)
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas

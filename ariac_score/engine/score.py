@@ -118,6 +118,7 @@ def score_trial(
     team: str = "",
     jobs: int = 0,
     known: Result | None = None,
+    partial: bool = False,
 ) -> Result:
     """Score the trial at a path; where its rules compare teams, `reprice` adds the cohort.
 
@@ -141,6 +142,8 @@ def score_trial(
             result does not depend on it.
         known: A result of the same files by the same code, whose checks ask for the same
             signals (`needs_alike`): their findings are taken from it, and only the others run.
+        partial: Whether a log that is cut off is scored as far as it goes, as an interval. Nothing official
+            follows from such a result, which says so (`Measured.unofficial`).
 
     Raises:
         ScoreError: For everything a user can act on; see `ariac_score.errors`.
@@ -155,7 +158,14 @@ def score_trial(
     refuse_unlikely(bundle, readers, prepared)
     with hashing_files(bundle, threaded=jobs != 1) as hashes:
         trial = read_needed(
-            bundle, readers, prepared, progress=progress, jobs=jobs, trial_id=trial_id, team=team
+            bundle,
+            readers,
+            prepared,
+            progress=progress,
+            jobs=jobs,
+            trial_id=trial_id,
+            team=team,
+            partial=partial,
         )
         trial = with_names(trial, trial_id, team)
         trial = prepared.derived(with_defects(trial, prepared))

@@ -27,13 +27,14 @@ from types import MappingProxyType
 import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.columnar.columns import ranges
 from ariac_score.logs.containers.items import IntArray
 from ariac_score.logs.gazebo_text import CorruptError, Tape, frames, text, without_cdata
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.clock import SIMULATED_TIME, Clock
+from ariac_score.trial.cut import cut_at
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.tracks import ModelTrack
@@ -739,6 +740,10 @@ class GazeboStateReader:
             _add_entity(builder, states, states.entities[key], models, positions=positions)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
+        if states.cut_off and wanted.partial:
+            error = CutOffError(states.cut_off, file=path)
+            back_s = float((np.maximum.accumulate(t_s) - t_s).max())
+            builder.cut = cut_at(error, path.name, builder.recorded.end_s, largest_step_back_s=back_s)
         if reader is not None:
             tracks = [
                 _track(states, entity) for _, entity in sorted(states.entities.items()) if of_tracks(entity)

@@ -22,9 +22,10 @@ from ariac_score.checks.contracts import LogDescription, ReaderFacts, RecordKind
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.schema import schema_errors, value_errors
-from ariac_score.errors import LogError, NothingToScoreError, did_you_mean
+from ariac_score.errors import CutOffError, LogError, NothingToScoreError, did_you_mean
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
+from ariac_score.trial.cut import cut_at
 from ariac_score.trial.events import Event, EventNumber
 from ariac_score.trial.model import Body, TeamSetup, Trial
 from ariac_score.trial.spans import Span
@@ -125,10 +126,12 @@ class JsonLinesReader:
         size = max(path.stat().st_size, 1)
         low, high = math.inf, -math.inf
         kinds = _Kinds()
-        for done, record in enumerate(_records(path, kinds)):
+        back_s = 0.0
+        cut: list[CutOffError] = []
+        for done, record in enumerate(_records(path, kinds, cut if wanted.partial else None)):
             t_s = record.get("t_s")
             if t_s is not None and math.isfinite(t_s):
-                low, high = min(low, t_s), max(high, t_s)
+                low, high, back_s = min(low, t_s), max(high, t_s), max(back_s, high - t_s)
             if record["record"] == "sample":
                 for name, value in record["values"].items():
                     if quantity_of(name) in wanted.quantities:
@@ -150,6 +153,9 @@ class JsonLinesReader:
             add(name, unit, np.array(columns.t[name]), np.array(columns.values[name]))
         if low <= high:
             builder.recorded = Span(low, high)
+        for error in cut:
+            end_s = high if low <= high else None
+            builder.cut = cut_at(error, path.name, end_s, largest_step_back_s=back_s)
         return replace(builder.build(), read_with=kinds.read)
 
 
@@ -172,10 +178,16 @@ def _topic(name: str, times: list[float]) -> TopicDescription:
     return TopicDescription(name, kind, len(times), ordered[0], ordered[-1], gap)
 
 
-def _records(path: Path, kinds: _Kinds) -> Iterator[Record]:
+def _records(path: Path, kinds: _Kinds, cut: list[CutOffError] | None = None) -> Iterator[Record]:
     """Every record, checked, in order.
 
+    Args:
+        path: The log.
+        kinds: Of records that competitions bring.
+        cut: Takes why the log ends before its end, where it does; `None`: that is an error.
+
     Raises:
+        CutOffError: It ends before its end.
         LogError: With the line, for the first that is wrong, or when the end is missing.
     """
     number, last = 0, ""
@@ -187,7 +199,13 @@ def _records(path: Path, kinds: _Kinds) -> Iterator[Record]:
                 number += 1
                 if not line.strip():
                     continue
-                record = _parsed(path, number, line, known, kinds)
+                try:
+                    record = _parsed(path, number, line, known, kinds)
+                except CutOffError as error:
+                    if cut is None or not last:
+                        raise
+                    cut.append(error)
+                    return
                 kind = record["record"]
                 # Two logs written into one file would otherwise pass for one trial.
                 if (kind == "trial") != (last == "") or last == "end":
@@ -212,7 +230,11 @@ def _records(path: Path, kinds: _Kinds) -> Iterator[Record]:
         raise NothingToScoreError("the file is empty", file=path, hint="was the recording started?")
     # A file that breaks off between two lines looks whole but for its last record.
     if last != "end":
-        raise _fault(path, number, "the log is cut off: there is no 'end' record", _CUT)
+        words = "the log is cut off: there is no 'end' record"
+        no_end = CutOffError(words, file=path, place=f"line {number}", hint=_CUT)
+        if cut is None:
+            raise no_end
+        cut.append(no_end)
 
 
 def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
@@ -244,6 +266,9 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
     except (ValueError, RecursionError) as cause:
         # The message of `json` counts lines within this one.
         at = f"{cause.msg} at column {cause.colno}" if isinstance(cause, json.JSONDecodeError) else cause
+        if not line.endswith(b"\n"):
+            words = f"the log is cut off: not a JSON record: {at}"
+            raise CutOffError(words, file=path, place=f"line {number}", hint=_CUT) from None
         raise _fault(path, number, f"not a JSON record: {at}", "one JSON object on each line") from None
     if not isinstance(record, dict):
         raise _fault(path, number, "not a JSON object", "one JSON object on each line")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
-from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
@@ -14,6 +15,7 @@ from ariac_score.logs.gather.collector import Collector
 from ariac_score.logs.gather.topic_statistics import TopicStatistics
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import LOG_TIME, Clock
+from ariac_score.trial.cut import cut_at
 from ariac_score.trial.model import LogDefect, Trial
 
 __all__ = ["RosbagReader"]
@@ -86,7 +88,8 @@ class RosbagReader:
             NothingToScoreError: It holds no message.
         """
         statistics, collector, progress_at = TopicStatistics(), Collector(wanted, path), _PROGRESS_EVERY
-        scan = open_scan(path, jobs=wanted.jobs, topics=collector.topics)
+        scan = open_scan(path, jobs=wanted.jobs, topics=collector.topics, partial=wanted.partial)
+        cut: CutOffError | None = None
         try:
             for item in _counted(scan, statistics, path):
                 collector.share = scan.share
@@ -94,9 +97,11 @@ class RosbagReader:
                 if statistics.messages >= progress_at:
                     progress_at = statistics.messages + _PROGRESS_EVERY
                     wanted.progress(scan.share)
-        except LogError:
+        except LogError as error:
             collector.flush()  # faults of messages before the damage are reported first
-            raise
+            if not isinstance(error, CutOffError) or not wanted.partial:
+                raise
+            cut = error
         wanted.progress(1.0)
         first_ns, last_ns = statistics.first_ns, statistics.last_ns
         if first_ns is None or last_ns is None:
@@ -109,7 +114,11 @@ class RosbagReader:
         builder = TrialBuilder(_trial_id(path), file=path, clock=clock.clock)
         builder.recorded = clock.recorded
         collector.settle(builder, clock.origin_ns)
-        if statistics.has(MANIFEST) or statistics.has(HEARTBEAT):
+        if cut is not None:
+            back_s = math.inf if statistics.silent_but_one else statistics.largest_step_back_s
+            end_s = clock.recorded.end_s
+            builder.cut = cut_at(cut, path.name, end_s, largest_step_back_s=back_s)
+        elif statistics.has(MANIFEST) or statistics.has(HEARTBEAT):
             builder.attestation = attestation_of(path, clock.origin_ns)
         for defect in _contradicting(scan, path):
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
@@ -128,7 +137,8 @@ def _counted(scan: Scan, statistics: TopicStatistics, path: Path) -> Iterator[Co
                 statistics.declare(item)
             yield item
     except LogError as error:
-        raise LogError(
+        kind = CutOffError if isinstance(error, CutOffError) else LogError
+        raise kind(
             f"{error.cause}; readable up to {scan.readable}: {statistics.words()}",
             file=error.file,
             place=error.place,

@@ -23,12 +23,13 @@ import numpy as np
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.documents.json_pairs import without_repeats
-from ariac_score.errors import LogError, NothingToScoreError
+from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
 from ariac_score.logs.gather.collector import Collector, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
+from ariac_score.trial.cut import cut_at
 from ariac_score.trial.events import TIMED_EVENTS
 from ariac_score.trial.model import LogDefect, Trial
 from ariac_score.trial.spans import Span
@@ -164,8 +165,10 @@ def _in_line(path: Path, number: int, line: bytes) -> Iterator[dict[str, Any]]:
             found, at = _DECODER.raw_decode(text, at)
         except (ValueError, RecursionError) as cause:
             whole = line.endswith(b"\n")
-            what = "not JSON" if whole else "the log is cut off"
-            raise _fault(path, number, f"{what}: {cause}", _CUT) from None
+            if whole:
+                raise _fault(path, number, f"not JSON: {cause}", _CUT) from None
+            words = f"the log is cut off: {cause}"
+            raise CutOffError(words, file=path, place=f"line {number}", hint=_CUT) from None
         if not isinstance(found, dict):
             raise _fault(path, number, f"a {type(found).__name__}, not an event", "events are JSON objects")
         yield found
@@ -329,16 +332,22 @@ class RosMonitoringReader:
         """
         intake = _Intake(path, wanted)
         size = max(path.stat().st_size, 1) if path.exists() else 1
-        for done, row in enumerate(rows(path)):
-            intake.take(row.event)
-            if done % _PROGRESS_EVERY == 0:
-                wanted.progress(min(0.95, done * 120 / size))
+        cut: CutOffError | None = None
+        try:
+            for done, row in enumerate(rows(path)):
+                intake.take(row.event)
+                if done % _PROGRESS_EVERY == 0:
+                    wanted.progress(min(0.95, done * 120 / size))
+        except CutOffError as error:
+            if not wanted.partial:
+                raise
+            cut = error
         wanted.progress(1.0)
         if not intake.clocks:
             raise NothingToScoreError(
                 "the log holds no event", file=path, hint="was the monitor connected to its topics?"
             )
-        return intake.trial()
+        return intake.trial(cut)
 
 
 def _names_a_channel(text: str) -> bool:
@@ -375,6 +384,7 @@ class _Clock:
     connections: dict[str, Connection] = field(default_factory=dict)
     first_ns: int | None = None
     last_ns: int = 0
+    back_ns: int = 0
     motion: int = 0
     events: int = 0
 
@@ -409,6 +419,7 @@ class _Intake:
         stamp_ns = 0 if time_s is None else round(time_s * 1e9)
         if time_s is not None:
             clock.first_ns = stamp_ns if clock.first_ns is None else min(clock.first_ns, stamp_ns)
+            clock.back_ns = max(clock.back_ns, clock.last_ns - stamp_ns)
             clock.last_ns = max(clock.last_ns, stamp_ns)
         if topic not in self._types:
             return
@@ -420,8 +431,12 @@ class _Intake:
             clock.collector.take(connection)
         clock.collector.take(Message(connection, stamp_ns, fields_of(event)))
 
-    def trial(self) -> Trial:
-        """The trial that the events show, on the clock of the motion."""
+    def trial(self, cut: CutOffError | None = None) -> Trial:
+        """The trial that the events show, on the clock of the motion.
+
+        Args:
+            cut: Why the log ends before its end, where it does.
+        """
         main = max(self.clocks, key=lambda name: (self._weight(name), name))
         chosen = self.clocks[main]
         origin_ns = chosen.first_ns if main == WALL_CLOCK_TIME and chosen.first_ns is not None else 0
@@ -433,6 +448,9 @@ class _Intake:
         for name in sorted(self.clocks.keys() - {main}):
             self._without_times(builder, name, main)
         builder.defect("no_channel", "events", self._nameless, "events name no topic or service")
+        if cut is not None:
+            end_s = None if builder.recorded is None else builder.recorded.end_s
+            builder.cut = cut_at(cut, self._path.name, end_s, largest_step_back_s=chosen.back_ns / 1e9)
         trial = builder.build()
         return trial if main != UNTIMED else _timeless(trial)
 

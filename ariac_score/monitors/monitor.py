@@ -14,6 +14,7 @@ from ariac_score.checks.in_gaps import InGaps
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
+from ariac_score.checks.when_cut import WhenCut
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
     Bound,
@@ -116,6 +117,11 @@ class SubjectMonitor:
         (name, *others) = self.wanted
         alone = quantity_of(name) in (*DISTANCES, *SPEEDS) and not (others or self.optional or self.flags)
         return "tight" if alone else "outer"
+
+    @property
+    def when_cut(self) -> WhenCut:
+        """What its findings are worth where the log is cut off, as `open` where it does not say so."""
+        return "open"
 
     @property
     def clause(self) -> str:
@@ -297,6 +303,11 @@ class LimitMonitor(SubjectMonitor):
     def reach(self) -> Reach:
         """Which samples the verdict on one rests on."""
         return Reach()
+
+    @property
+    def when_cut(self) -> WhenCut:
+        """What was seen stays, unless the verdict on a sample rests on later ones."""
+        return "open" if self.reach.ahead or self.reach.ahead_s else "adds"
 
     def margin(self, signals: Watched) -> FloatArray | Bound:
         """The margin at every sample, shape (n,): negative where violated, NaN where nothing is asked for.

@@ -18,7 +18,7 @@ from fractions import Fraction
 from itertools import permutations
 
 from ariac_score.ranking.exact import Claim, draws_for, holm, run_permutation, sign_flip
-from ariac_score.ranking.rank import AS_ZERO, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.rank import AS_ZERO, WITH_SCORE, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Spec
 
 __all__ = ["MOST_DEALT", "Told", "told_apart"]
@@ -151,7 +151,7 @@ def _by_trial(
 
 
 def _own(runs: Sequence[RunOutcome], counts: Decimal, sign: int, digits: int) -> _Own:
-    made = [run for run in runs if run.score is not None and run.outcome in ("scored", "aborted", *AS_ZERO)]
+    made = [run for run in runs if run.score is not None and run.outcome in (*WITH_SCORE, *AS_ZERO)]
     if made:
         ends = [[sign * _units(end, digits) for end in _ends(run)] for run in made]
         return _Own(tuple((min(both), max(both)) for both in ends))

@@ -45,6 +45,7 @@ from ariac_score.scoring.steward import Adjustment
 __all__ = [
     "AS_ZERO",
     "OUTCOMES",
+    "WITH_SCORE",
     "Cell",
     "Outcome",
     "Ranking",
@@ -65,6 +66,7 @@ OUTCOMES: Mapping[str, str] = {
     "crashed": "the simulator died and wrote no score: 0",
     "cancelled": "the run was cancelled and has no score: 0",
     "aborted": "the run ended before all work was done; its score stands",
+    "unofficial": "its log is cut off; the score of what is there stands, as was asked for: unofficial",
     "disqualified": "the stewards disqualified it: 0",
     "undecided": "something the score depends on is undecided: not counted",
     "unreadable": "the log cannot be read as one trial: not counted",
@@ -76,6 +78,8 @@ OUTCOMES: Mapping[str, str] = {
 Outcome = Annotated[str, Meta(pattern=f"^({'|'.join(OUTCOMES)})$")]
 # Without "aborted": such a run has a score, and that stands.
 AS_ZERO = ("crashed", "cancelled", "disqualified")
+WITH_SCORE = ("scored", "aborted", "unofficial")
+"""These have a score of their own."""
 """These have no score of their own, and count 0 or the worst of their trial."""
 
 
@@ -229,7 +233,12 @@ class Stewarded:
 
 @in_own_decimals
 def rank_results(
-    competition: Competition, spec: Spec, rule_set: RuleSet, results: Mapping[RunKey, Result | ScoreError]
+    competition: Competition,
+    spec: Spec,
+    rule_set: RuleSet,
+    results: Mapping[RunKey, Result | ScoreError],
+    *,
+    partial: bool = False,
 ) -> Ranking:
     """Rank the runs of a competition.
 
@@ -238,9 +247,10 @@ def rank_results(
         spec: How runs become a ranking.
         rule_set: The rule set that prices the results.
         results: For each run its result, or why there is none.
+        partial: Whether results of logs that are cut off count, from which nothing official follows.
     """
     # Kept runs make the cohort, and the cohort prices runs: runs are chosen before, by what needs none.
-    outcomes = [_outcome(key, result, rule_set, spec) for key, result in sorted(results.items())]
+    outcomes = [_outcome(key, result, rule_set, spec, partial) for key, result in sorted(results.items())]
     outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
     kept = _kept(outcomes, spec)
     cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
@@ -284,7 +294,7 @@ def rank_again(
         replace(run, score=None) if scored_later and run.task is not None else run for run in outcomes
     ]
     kept = {run.key for best in _kept(comparable, spec).values() for run in best}
-    counting = ("scored", "aborted", *AS_ZERO)
+    counting = (*WITH_SCORE, *AS_ZERO)
     outcomes = [replace(run, kept=run.key in kept and run.outcome in counting) for run in outcomes]
     return _ranking(competition, spec, rule_set, outcomes, ranking.cohort)
 
@@ -326,12 +336,18 @@ def _ranking(
 # Runs ----------------------------------------------------------------------------------
 
 
-def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: Spec) -> RunOutcome:
+def _outcome(
+    key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: Spec, partial: bool
+) -> RunOutcome:
     if isinstance(result, RunEndedError):
         return RunOutcome(*key, result.outcome, result.cause, task=Decimal(0), score=Decimal(0))
     if isinstance(result, ScoreError):
         outcome = "no_value" if isinstance(result, FormulaError) else "unreadable"
         return RunOutcome(*key, outcome, _error_text(result))
+    unofficial = "; ".join(result.measured.unofficial)
+    if unofficial and not partial:
+        cause = f"unofficial: {unofficial}; ask for such runs to be ranked: --partial"
+        return RunOutcome(*key, "unreadable", cause, result=result, open=_ends(result))
     official = result.measured.official
     ended = official.outcome if official else ""
     if ended in AS_ZERO:
@@ -344,8 +360,8 @@ def _outcome(key: RunKey, result: Result | ScoreError, rule_set: RuleSet, spec: 
         return RunOutcome(*key, "no_value", _error_text(error), result=result)
     return RunOutcome(
         *key,
-        "aborted" if ended == "aborted" else "scored",
-        OUTCOMES["aborted"] if ended == "aborted" else "",
+        "unofficial" if unofficial else "aborted" if ended == "aborted" else "scored",
+        unofficial if unofficial else OUTCOMES["aborted"] if ended == "aborted" else "",
         task=result.task.amount if result.task else None,
         score=result.score,
         terms=terms,
@@ -446,7 +462,7 @@ def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -
     # one without violations, and a team would gain by losing its log.
     totals: dict[str, list[float]] = {name: [] for name in names}
     for run in runs:
-        if run.result is None or run.outcome not in ("scored", "aborted"):
+        if run.result is None or run.outcome not in WITH_SCORE:
             return f"run {run.number} is {run.outcome}, and the rules count what all runs did"
         try:
             for name in names:
@@ -514,7 +530,7 @@ def _cell(runs: Sequence[RunOutcome], spec: Spec, digits: int, worst: Decimal) -
     kept = [run for run in runs if run.kept and run.score is not None]
     if not kept:
         # The reason shown is that of the first run that went wrong, not of one that merely was not kept.
-        why = next((run for run in runs if run.outcome not in ("scored", "aborted")), None)
+        why = next((run for run in runs if run.outcome not in WITH_SCORE), None)
         outcome, cause = (why.outcome, why.cause) if why else ("no_run", OUTCOMES["no_run"])
         return Cell(worst, outcome, _counting(cause, worst) if worst else cause, (), len(runs))
     total = sum((run.score for run in kept if run.score is not None), Decimal(0))

@@ -25,7 +25,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.ranking.rank import Ranking, RunOutcome, cell_digits, is_scored, merit
+from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome, cell_digits, is_scored, merit
 from ariac_score.ranking.spec import COUNT_BACK, FloatArray, IntArray, Spec, places
 from ariac_score.ranking.totals import SUM
 
@@ -178,7 +178,7 @@ def _by_cell(
     groups: dict[tuple[int, int], list[RunOutcome]] = {}
     for run in runs:
         team, trial = teams_at.get(run.team), trials_at.get(run.trial)
-        known = run.score is not None and (run.task is not None or run.outcome in ("scored", "aborted"))
+        known = run.score is not None and (run.task is not None or run.outcome in WITH_SCORE)
         if team is not None and trial is not None and known:
             groups.setdefault((team, trial), []).append(run)
     return {cell: sorted(own, key=lambda run: merit(run, spec)) for cell, own in groups.items()}

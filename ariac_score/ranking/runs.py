@@ -36,6 +36,7 @@ def score_runs(
     registry: Registry | None = None,
     progress: Progress = _silent,
     sketches: bool = False,
+    partial: bool = False,
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
@@ -48,6 +49,7 @@ def score_runs(
         progress: Called before each run with how many are done.
         sketches: Keep the series that pages draw. They price nothing, and are most of the memory
             that a season takes.
+        partial: Whether logs that are cut off are scored as far as they go, unofficially.
 
     Raises:
         ResultError: Stored results were made under different rule sets: one may have judged
@@ -81,6 +83,7 @@ def score_runs(
                     root=competition.root,
                     trial_id=run.trial,
                     team=run.team,
+                    partial=partial,
                 )
             results[run.key] = result if sketches else without_sketch(result)
         except ScoreError as error:

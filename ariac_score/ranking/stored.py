@@ -10,7 +10,7 @@ from pathlib import Path
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication, StoredResult
-from ariac_score.ranking.rank import Ranking, RunOutcome
+from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
 
@@ -100,7 +100,7 @@ def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: P
         )
     measured = result.measured
     # A crashed or disqualified run counts another number than its result says.
-    same_score = run.outcome not in ("scored", "aborted") or result.score == run.score
+    same_score = run.outcome not in WITH_SCORE or result.score == run.score
     if measured.trial != run.trial or measured.team not in ("", run.team) or not same_score:
         raise ResultError(
             f"it is of {measured.team or 'no team'}, trial {measured.trial}, score {result.score}; "

@@ -27,13 +27,17 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
     }
     given = {name: check.parameters.get(_PAUSE) for name, check in rule_set.checks.items()}
     pauses = {**given, **stated}
+    is_cut = measured.cut is not None and measured.cut.open_end
     return LeftOpen(
         findings=measured.open,
         counts=rule_set.counts,
         monitors=rule_set.monitors,
         pauses_s={name: float(s) for name, s in pauses.items() if isinstance(s, int | float)},
         watched=measured.watched or measured.window,
-        endless=any(one.fact == "window" and one.by == NOBODY for one in measured.statements),
+        # Where a log is cut off, what is undecided up to there has an end.
+        endless=not is_cut and any(one.fact == "window" and one.by == NOBODY for one in measured.statements),
+        open_end_s=measured.cut.until_s if is_cut and measured.cut is not None else None,
+        work_open=measured.cut.work_open if measured.cut is not None else "",
     )
 
 

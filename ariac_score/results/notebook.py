@@ -23,6 +23,7 @@ def result_html(
     ledger: Ledger | None,
     findings: Mapping[str, Finding],
     interval: ScoreInterval | None = None,
+    unofficial: Sequence[str] = (),
 ) -> str:
     """HTML of a result.
 
@@ -33,11 +34,13 @@ def result_html(
         ledger: The score taken apart.
         findings: By id.
         interval: Between which scores the trial lies, where its log leaves any open.
+        unofficial: Why nothing official follows from it.
     """
     of = "" if possible is None else f" of {_number(possible)}"
     head = "no score" if score is None else f"{_number(score)}{of}"
     if interval is not None:
         head += f" (open: {_number(interval.least)} to {_number(interval.most)})"
+    head = f"unofficial: {head}" if unofficial else head
     causes = [
         (one.cause, "not known" if one.at_most is None else _number(one.at_most))
         for one in (interval.narrowing if interval is not None else ())

@@ -23,6 +23,7 @@ from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
+from ariac_score.trial.cut import Cut
 from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
@@ -177,6 +178,7 @@ class Measured:
             best and of the worst world; where a world is priced, they replace those in `findings`.
         unofficial: In words, why nothing official can follow from this; such as that the log is cut off,
             and was scored as far as it can be read.
+        cut: How far a log goes that is cut off, and was scored all the same; `None`: all were whole.
         statements: Whose statement work, window, set-up and completeness rest on. Empty in results of
             versions that did not say.
     """
@@ -199,6 +201,7 @@ class Measured:
     watched: Span | None = None
     open: tuple[OpenFindings, ...] = ()
     unofficial: tuple[str, ...] = ()
+    cut: Cut | None = None
     statements: tuple[Statement, ...] = ()
 
     def __post_init__(self) -> None:
@@ -233,7 +236,7 @@ class Measured:
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
-        leave_out_empty(self, "open", "unofficial", "statements")
+        leave_out_empty(self, "open", "unofficial", "cut", "statements")
 
     def to_frame(self) -> Any:
         """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.
@@ -414,6 +417,7 @@ class Result:
             self.ledger,
             self.findings,
             self.interval,
+            self.measured.unofficial,
         )
 
     @property

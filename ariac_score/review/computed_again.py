@@ -52,7 +52,9 @@ def compared_with_log(
     if isinstance(log, Competition):
         again = _in_competition(stored, log, rule_set, log_map, registry)
     else:
-        again = score_trial(log, rule_set, log_map=log_map, registry=registry, also=also)
+        again = score_trial(
+            log, rule_set, log_map=log_map, registry=registry, also=also, partial=_is_partial(stored)
+        )
         again = reprice(again, rule_set, stored.cohort) if stored.cohort.values else again
     again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
     again, parts = _as_it_was_read(stored, again)
@@ -86,10 +88,11 @@ def _in_competition(
     if stored.cohort.values:
         # Its price hangs on the runs of all teams, and what the result says of these is its own word.
         spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
-        results = score_runs(competition, rule_set, registry=registry, sketches=True)
+        partial = _is_partial(stored)
+        results = score_runs(competition, rule_set, registry=registry, sketches=True, partial=partial)
         if isinstance(error := results[run.key], ScoreError):
             raise error
-        ranked = rank_results(competition, spec, rule_set, results)
+        ranked = rank_results(competition, spec, rule_set, results, partial=partial)
         return next(one.result for one in ranked.runs if one.key == run.key and one.result is not None)
     configs = [t.config for t in competition.trials if t.id == run.trial]
     configs += [t.config for t in competition.teams if t.id == run.team]
@@ -103,7 +106,13 @@ def _in_competition(
         root=competition.root,
         trial_id=run.trial,
         team=run.team,
+        partial=_is_partial(stored),
     )
+
+
+def _is_partial(stored: Result) -> bool:
+    """Whether the result is of a log that is cut off, and was scored as far as it goes."""
+    return stored.measured.cut is not None
 
 
 def _run_of(stored: Result, competition: Competition) -> Run:

@@ -14,7 +14,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import ScoreError
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import Cell, RunOutcome, TeamRank
+from ariac_score.ranking.rank import WITH_SCORE, Cell, RunOutcome, TeamRank
 from ariac_score.ranking.violations import Clause, clause_of
 from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
@@ -339,7 +339,7 @@ def _cell_parts(
 ) -> TaskAndSafety | None:
     safety = decided = Decimal(0)
     for run in kept:
-        if run.outcome not in ("scored", "aborted"):  # it counts 0, or the worst of the trial
+        if run.outcome not in WITH_SCORE:  # it counts 0, or the worst of the trial
             continue
         own = parts.get(run.key)
         if own is None or own.score != run.score:

@@ -83,6 +83,7 @@ def check_log(
     log_map: str = "",
     registry: Registry | None = None,
     progress: Progress = _no_progress,
+    partial: bool = False,
 ) -> Readiness:
     """Check whether the log at a path can be scored.
 
@@ -92,12 +93,15 @@ def check_log(
         log_map: Log map to use instead of the rule set's own.
         registry: The installed plugins.
         progress: Called with the share done.
+        partial: Whether a log that is cut off is scored as far as it goes, unofficially.
 
     Raises:
         ScoreError: It is damaged, no trial at all, or the rules cannot be used.
     """
     registry = registry or Registry()
-    result = score_trial(path, rule_set, log_map=log_map, registry=registry, progress=progress)
+    result = score_trial(
+        path, rule_set, log_map=log_map, registry=registry, progress=progress, partial=partial
+    )
     prepared = prepare(rule_set, log_map=log_map, registry=registry)
     recorded = _recorded(path, registry)
     lacks = list(_lacks(result, prepared, recorded))
@@ -194,6 +198,7 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
 
 
 def _notes(result: Result) -> Iterator[str]:
+    yield from (f"unofficial: {why}" for why in result.measured.unofficial)
     if result.status == "needs_cohort":
         yield f"the score needs all teams: {result.missing}"
     for words in result.measured.unrecorded:

@@ -232,6 +232,11 @@ class _Around:
 
         if not variables:
             return seen()
+        if function == "points" and (
+            endless := [one for one in variables if one.endless and one.limits is not None]
+        ):
+            self._note_unbounded(label, endless[0])  # a later violation takes what was kept so far
+            return Typed(-inf, inf, {one.key: Sign.BOTH for one in variables})
         if function in ("holds", "violated", "gate"):
             return self._turning(function, certain, variables)
         of_one: Callable[[Variable], Typed]

@@ -32,6 +32,10 @@ class LeftOpen:
         watched: The time in which violations may have been.
         endless: Whether nobody knows when the competition started or ended: then nothing says how much more
             of it there was than was recorded, and who stops a recording early gains nothing.
+        open_end_s: Up to when the log goes, where nobody knows for how long the trial went on; else `None`.
+            Of a monitor what is undecided from then on has no bound.
+        work_open: Why more may have been asked for than the trial has, so that no number is its score; empty
+            where that is known.
     """
 
     findings: tuple[OpenFindings, ...] = ()
@@ -40,6 +44,8 @@ class LeftOpen:
     pauses_s: Mapping[str, float] = field(default_factory=dict)
     watched: Span | None = None
     endless: bool = False
+    open_end_s: float | None = None
+    work_open: str = ""
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ def variables_of(
         finding = findings[key]
         if finding.verdict is Verdict.INCONCLUSIVE and finding.check in among and key not in covered:
             if finding.check in left_open.monitors:
-                found.append(_unwatched(key, finding, left_open))
+                found.append(_unwatched(key, finding, left_open, measures.get(finding.check, {})))
             else:
                 found.append(_undecided(key, finding, measures.get(finding.check, {})))
     return found
@@ -146,8 +152,11 @@ def _new_ones(span: Span | None, pause_s: float) -> float:
     return max(1, ceil(span.duration_s / pause_s - 1e-9))
 
 
-def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
+def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mapping[str, Measure]) -> Variable:
     """An undecided stretch of a monitor that says nothing of it: never violated, or all the time."""
+    end_s = left_open.open_end_s
+    if end_s is not None and (finding.span is None or finding.span.end_s >= end_s - 1e-9):
+        return _without_end(_undecided(key, finding, declared), declared)
     span = finding.span or left_open.watched
     quantities = dict(finding.quantities)
     if span:
@@ -173,6 +182,15 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen) -> Variable:
         most=inf if left_open.endless else _new_ones(span, left_open.pauses_s.get(finding.check, 0.0)),
         endless=left_open.endless,
     )
+
+
+def _without_end(one: Variable, declared: Mapping[str, Measure]) -> Variable:
+    """An undecided stretch that nobody knows the end of: any number of violations, however long they were."""
+    (key,) = one.seen
+    # What is never negative grows with what is seen; of anything else nobody knows which way it goes.
+    limits = {name: (0.0 if each.is_never_negative else -inf, inf) for name, each in declared.items()}
+    worst = {key: replace(one.worst[key], critical=True, span=None)}
+    return replace(one, worst=worst, is_verdict=False, tight=False, most=inf, limits=limits, endless=True)
 
 
 def _undecided(key: str, finding: Finding, declared: Mapping[str, Measure]) -> Variable:

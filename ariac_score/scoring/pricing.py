@@ -152,6 +152,8 @@ def price(
     interval = interval_of(settled, digits, maker.counts_of(sheet.scored)) if settled.is_bounded else None
     if maker.is_zeroed(sheet.scored):
         withheld, interval = _withheld(assumed, sheet.scored), None
+    if left_open.work_open:
+        return Priced("incomplete", None, None, None, assumptions, _of_known_work(settled, digits, left_open))
     if withheld or not settled.is_bounded:
         missing_words = "" if settled.is_bounded else settled.unbounded
         return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
@@ -159,6 +161,14 @@ def price(
     if possible is not None and possible < (interval.most if interval else ledger.amount):
         possible = None
     return Priced("scored", ledger, task, possible, assumptions, "", interval)
+
+
+def _of_known_work(settled: Settled, digits: int, left_open: LeftOpen) -> str:
+    """Why no number bounds a score of which not all the work is known, and what is known all the same."""
+    if not settled.is_bounded:
+        return f"{left_open.work_open}; {settled.unbounded}"
+    least, most = settled.ends(digits)
+    return f"{left_open.work_open}; of what is known, it lies between {least:f} and {most:f}"
 
 
 def value_of(

@@ -15,6 +15,8 @@ from ariac_score.trial.agreement import counting_parts, refuse_other_work, state
 from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.believed import believed, without_contested
 from ariac_score.trial.clock import Clock
+from ariac_score.trial.cut import Cut
+from ariac_score.trial.cut_off import joined_cut, lacks_work, with_open_work
 from ariac_score.trial.events import COMPETITION_STARTED, ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
 from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.shift import shifted
@@ -91,6 +93,7 @@ class TrialBuilder:
         self.facts: dict[str, Fact] = {}
         self.records: list[Record] = []
         self.attestation: Attestation | None = None
+        self.cut: Cut | None = None
         self._defects: dict[tuple[str, str], LogDefect] = {}
         self._watching: dict[str, float] = {}
 
@@ -219,6 +222,7 @@ class TrialBuilder:
             facts={name: self.facts[name] for name in sorted(self.facts)},
             records=tuple(self.records),
             attestation=self.attestation,
+            cut=self.cut,
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
         )
 
@@ -320,25 +324,29 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         records=_records(parts),
         read_with=frozenset(point for p in parts for point in p.read_with),
         statements=statements_of(parts),
+        cut=joined_cut(parts),
         attestations=tuple(
             (p.origin.file, p.attestation) for p in parts if p.origin and p.origin.role == "log"
         ),
     )
     join = getattr(competition, "join", None)
     merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)
-    return _within_competition(merged)
+    return _within_competition(with_open_work(merged, parts))
 
 
 def _joined_plainly(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     """The trial with the work and the submissions of the log that has any."""
     stating = [replace(part, work=settle_work(part.work, file)) for part in parts if part.work]
+    missed: tuple[WorkItem, ...] = ()
     for part in stating[1:]:
-        refuse_other_work(stating[0], part, file)
+        missed += _not_yet(stating[0], part, file)
     # What a log announces has its time, which no configuration can know.
     dated = [p.work for p in stating if any(announced_s(item) is not None for item in p.work)]
     work = only("work", dated or [part.work for part in stating], file) or ()
     submissions = only("submissions", [p.submissions for p in parts if p.submissions], file) or ()
     announced = first_announced(merged)
+    known = {item.id for item in work}
+    work = (*work, *(item for item in missed if item.id not in known))
     items = tuple(
         item if announced_s(item) is not None else dated_at(item, announced.get(item.id)) for item in work
     )
@@ -347,6 +355,19 @@ def _joined_plainly(merged: Trial, parts: Sequence[Trial], file: object) -> Tria
     noted = LogDefect("unknown_item", merged.id, unknown, "submissions answer nothing that was asked for")
     defects = (*merged.log_defects, *([noted] if unknown else []))
     return replace(merged, work=items, submissions=submissions, log_defects=tuple(sorted(defects)))
+
+
+def _not_yet(first: Trial, second: Trial, file: object) -> tuple[WorkItem, ...]:
+    """What one of two parts has of the work that both state, and the other lost with its end.
+
+    Raises:
+        ContradictionError: They differ in something else.
+    """
+    one, other = {item.id for item in first.work}, {item.id for item in second.work}
+    missed = {*(other - one if lacks_work(first) else ()), *(one - other if lacks_work(second) else ())}
+    kept = [replace(part, work=tuple(i for i in part.work if i.id not in missed)) for part in (first, second)]
+    refuse_other_work(kept[0], kept[1], file)
+    return tuple(item for item in (*first.work, *second.work) if item.id in missed)
 
 
 def settle_work(announced: Sequence[WorkItem], file: object = None) -> tuple[WorkItem, ...]:
@@ -486,6 +507,7 @@ def _without_times(part: Trial, main: Trial) -> Trial:
         recorded=None,
         records=tuple(record for record in part.records if not record.timed),
         clocks=(),
+        cut=None if part.cut is None else replace(part.cut, until_s=None),
         log_defects=(*part.log_defects, defect),
     )
 

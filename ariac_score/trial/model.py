@@ -14,6 +14,7 @@ from ariac_score.trial import quaternions
 from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.bounds import BetweenSamples
 from ariac_score.trial.clock import Clock
+from ariac_score.trial.cut import Cut
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.frames import frame
 from ariac_score.trial.frozen import FrozenMap
@@ -265,6 +266,7 @@ class Trial:
             hand are.
         attestation: Of a part of a trial, what its recorder attests; `None` where it attests nothing.
         attestations: Of each log that it was read from, by name of the file.
+        cut: How far a log of it goes that is cut off; `None`: all are whole.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -293,6 +295,7 @@ class Trial:
     window_open: str = ""
     attestation: Attestation | None = None
     attestations: tuple[tuple[str, Attestation | None], ...] = field(default=(), compare=False)
+    cut: Cut | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))

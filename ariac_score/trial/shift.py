@@ -24,6 +24,7 @@ def shifted(trial: Trial, by_s: float) -> Trial:
         as_consumed={name: replace(s, t=s.t + by_s) for name, s in trial.as_consumed.items()},
         recorded=None if recorded is None else Span(recorded.start_s + by_s, recorded.end_s + by_s),
         records=tuple(record.shifted(by_s) for record in trial.records),
+        cut=None if trial.cut is None else trial.cut.shifted(by_s),
     )
 
 

@@ -150,6 +150,9 @@ def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object
     orders = only("orders", as_announced or found, file) or ()
     configured = {o.id: o for group in found for o in group} if as_announced else {}
     orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
+    if any(part.cut is not None and not part.cut.ended for part, _ in stating):  # they may have come later
+        known = {order.id for order in orders}
+        orders += tuple(o for o in configured.values() if o.id not in known and not o.updates)
     dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
     # An update in a configuration takes effect only if the log shows that it was announced.
     if not dated:

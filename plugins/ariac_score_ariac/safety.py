@@ -162,6 +162,7 @@ class NoEvent:
     critical: bool = parameter(False, source="whether each is a critical event")
 
     in_gaps: ClassVar[str] = "unsampled"
+    when_cut: ClassVar[str] = "adds"
     measures: ClassVar[Mapping[str, Measure]] = {}  # it counts, and measures nothing
 
     def needs(self) -> Iterator[SignalNeed]:
@@ -316,6 +317,7 @@ class CollisionEpisodes:
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
 
     in_gaps: ClassVar[str] = "blunt"
+    when_cut: ClassVar[str] = "adds"
     measures: ClassVar[Mapping[str, Measure]] = _OF_COLLISION
 
     def __post_init__(self) -> None:

@@ -71,6 +71,7 @@ class SignalCoverage:
         Monitor catalogue, 1.4 and M19: 0.99 and 0.05 s are our choice.
     """
 
+    when_cut: ClassVar[str] = "adds"
     part_of: ClassVar[str] = "task"
     in_gaps: ClassVar[str] = "reported"
 

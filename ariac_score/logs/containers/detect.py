@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.containers.folder import FolderScan
+from ariac_score.logs.containers.folder import FolderScan, split_files
 from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Scan
 from ariac_score.logs.containers.mcap import McapScan
 from ariac_score.logs.containers.ros1 import Ros1Scan
@@ -37,7 +37,7 @@ def looks_like_recording(path: Path) -> bool:
     if path.is_dir():
         metadata = path / METADATA
         if not metadata.is_file():
-            return False
+            return bool(split_files(path))  # its recorder was killed
         with metadata.open("rb") as file:
             # Or: a folder with torn metadata is a recording all the same, whose damage is then reported.
             return METADATA_KEY.encode() in file.read(1 << 16) or any(
@@ -54,13 +54,16 @@ def looks_like_recording(path: Path) -> bool:
     return start.startswith((_MCAP, _ROS1))
 
 
-def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> Scan:
+def open_scan(
+    path: Path, *, jobs: int = 0, topics: Container[str] | None = None, partial: bool = False
+) -> Scan:
     """The scan for the recording at a path, chosen by its first bytes, else by its suffix.
 
     Args:
         path: A recording.
         jobs: Threads, of which all but one inflate its chunks; 0: as many as there are processors.
         topics: Messages of other topics may come without their bytes; `None`: all come with them.
+        partial: Whether what a recorder left that was killed is wanted, as far as it can be recovered.
 
     Raises:
         NothingToScoreError: It is empty, or no recording.
@@ -69,7 +72,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
     _let_freed_memory_stay()
     try:
         if path.is_dir():
-            return FolderScan(path, jobs=jobs, topics=topics)
+            return FolderScan(path, jobs=jobs, topics=topics, partial=partial)
         with path.open("rb") as file:
             start = file.read(16)
     except OSError as error:
@@ -81,7 +84,7 @@ def open_scan(path: Path, *, jobs: int = 0, topics: Container[str] | None = None
     if start.startswith(_MCAP) or (path.suffix == ".mcap"):
         return McapScan(path, jobs=jobs, topics=topics)
     if start.startswith(_SQLITE) or (path.suffix == ".db3"):
-        return SqliteScan(path, topics=topics)
+        return SqliteScan(path, topics=topics, partial=partial)
     if start.startswith(_ROS1) or (path.suffix == ".bag"):
         return Ros1Scan(path, jobs=jobs, topics=topics)
     raise NothingToScoreError(

@@ -5,19 +5,20 @@ Source: rosbag2_storage, bag metadata versions 1 to 9.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 
 from ariac_score.documents.yaml import is_there, load_yaml
-from ariac_score.errors import DataFileError, LogError
-from ariac_score.logs.containers.inflating import inflate, inflate_file
+from ariac_score.errors import CutOffError, DataFileError, LogError
+from ariac_score.logs.containers.inflating import EndsEarlyError, inflate, inflate_file
 from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Batch, Connection, Message, Scan
 from ariac_score.logs.containers.mcap import McapScan
 from ariac_score.logs.containers.sqlite import SqliteScan
 
-__all__ = ["FolderScan"]
+__all__ = ["FolderScan", "split_files"]
 
 _ZSTD = "zstd"
 _PACKED_SUFFIXES = (".zstd", ".zst")
@@ -30,15 +31,19 @@ class _Metadata:
     files: tuple[Path, ...]
     messages: int | None
     packed: str
+    cut: str = ""
+    """Why its end is missing, in words; empty where it is not known to be."""
 
 
 class FolderScan:
     """One rosbag2 folder; see `ariac_score.logs.containers.items.Scan`."""
 
-    def __init__(self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None) -> None:
+    def __init__(
+        self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None, partial: bool = False
+    ) -> None:
         self.path = path
-        self._metadata = _read_metadata(path)
-        self._jobs, self._topics = jobs, topics
+        self._metadata = _read_metadata(path, partial=partial)
+        self._jobs, self._topics, self._partial = jobs, topics, partial
         self.format = (McapScan if self._metadata.storage == "mcap" else SqliteScan).format
         self._scan: Scan | None = None
         self._current = self._contradictions = 0
@@ -84,6 +89,8 @@ class FolderScan:
                     yield from map(self._unpacked, item.messages() if isinstance(item, Batch) else (item,))
                 else:
                     yield item
+        if self._metadata.cut:
+            raise CutOffError(self._metadata.cut, file=self.path, hint=_REINDEX)
         if self._metadata.messages not in (None, found):
             raise LogError(
                 f"{METADATA} announces {self._metadata.messages} messages, the files hold {found}",
@@ -99,13 +106,16 @@ class FolderScan:
             yield from self._scan
             return
         with TemporaryDirectory(prefix="ariac-score-") as folder:
-            unpacked = Path(folder, file.stem)
+            unpacked, hint = Path(folder, file.stem), "take another copy of the recording"
+            cut: CutOffError | None = None
             try:
                 inflate_file(file, unpacked)
+            except EndsEarlyError as error:
+                cut = CutOffError(f"it cannot be inflated: {error}", file=file, hint=hint)
+                if not self._partial:
+                    raise cut from error
             except ValueError as error:
-                raise LogError(
-                    f"it cannot be inflated: {error}", file=file, hint="take another copy of the recording"
-                ) from error
+                raise LogError(f"it cannot be inflated: {error}", file=file, hint=hint) from error
             self._scan = self._scan_of(unpacked)
             try:
                 yield from self._scan
@@ -113,12 +123,15 @@ class FolderScan:
                 if error.file != str(unpacked):
                     raise
                 # The user knows the compressed file, not our temporary one.
-                raise LogError(error.cause, file=file, place=error.place, hint=error.hint) from error
+                kind = CutOffError if isinstance(error, CutOffError) else LogError
+                raise kind(error.cause, file=file, place=error.place, hint=error.hint) from error
+            if cut is not None:
+                raise cut
 
     def _scan_of(self, file: Path) -> Scan:
         if self._metadata.storage == "mcap":
             return McapScan(file, jobs=self._jobs, topics=self._topics)
-        return SqliteScan(file, topics=self._topics)
+        return SqliteScan(file, topics=self._topics, partial=self._partial)
 
     def _unpacked(self, message: Message) -> Message:
         if self._topics is not None and message.connection.topic not in self._topics:
@@ -134,12 +147,50 @@ class FolderScan:
             ) from error
 
 
-def _read_metadata(path: Path) -> _Metadata:
+def split_files(folder: Path) -> tuple[Path, ...]:
+    """The storage files of a folder that a recorder left without metadata, in their order; none: it is none.
+
+    A recorder names them after the folder and numbers them from 0, and writes the metadata when it ends.
+    """
+    found: dict[tuple[str, str], dict[int, Path]] = {}
+    for file in folder.iterdir():
+        named = _STORAGE_FILE.fullmatch(file.name)
+        if named and file.is_file():
+            found.setdefault((named["name"], named["storage"]), {})[int(named["number"])] = file
+    if len(found) != 1:
+        return ()
+    (files,) = found.values()
+    numbers = sorted(files)
+    return tuple(files[n] for n in numbers) if len(numbers) > 1 and numbers == [*range(len(numbers))] else ()
+
+
+# Of a recording that is compressed file by file, the last one is not yet when its recorder is killed.
+_STORAGE_FILE = re.compile(r"(?P<name>.+)_(?P<number>\d{1,6})\.(?P<storage>mcap|db3)(?:\.zstd)?")
+
+
+def _without_metadata(path: Path, *, partial: bool) -> _Metadata:
+    """What a folder holds whose recorder was killed before it wrote the metadata.
+
+    Raises:
+        CutOffError: It is not wanted in part.
+        LogError: It is no such folder.
+    """
+    files, cause = split_files(path), f"the folder has no {METADATA}"
+    if not files:
+        raise LogError(f"{cause}, so it is not a rosbag2 recording", file=path, hint=_REINDEX)
+    cause = f"{cause}: its recorder was killed before it wrote one"
+    if not partial:
+        raise CutOffError(cause, file=path, hint=_REINDEX)
+    for file in files:
+        _refuse_link_out(file, path)
+    storage = "mcap" if ".mcap" in files[0].suffixes else "sqlite3"
+    return _Metadata(storage, files, None, "file", cause)
+
+
+def _read_metadata(path: Path, *, partial: bool = False) -> _Metadata:
     file = path / METADATA
     if not file.is_file():
-        raise LogError(
-            f"the folder has no {METADATA}, so it is not a rosbag2 recording", file=path, hint=_REINDEX
-        )
+        return _without_metadata(path, partial=partial)
     _refuse_link_out(file, path)
     try:
         metadata = _parsed(path, load_yaml(file).data[METADATA_KEY])

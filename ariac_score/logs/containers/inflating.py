@@ -20,6 +20,7 @@ __all__ = [
     "LARGEST_FILE_BYTES",
     "LARGEST_INFLATED_BYTES",
     "MOST_INFLATION",
+    "EndsEarlyError",
     "check_announced",
     "inflate",
     "inflate_file",
@@ -96,10 +97,15 @@ def check_announced(size: int, packed: int | None = None) -> None:
         )
 
 
+class EndsEarlyError(ValueError):
+    """Compressed data end before their end; what was before is inflated."""
+
+
 def inflate_file(packed: Path, into: Path) -> None:
     """Inflate a file compressed by zstd, piece by piece.
 
     Raises:
+        EndsEarlyError: It is cut off; what is there was inflated.
         ValueError: It cannot be inflated, or inflates to more than is allowed.
     """
     module = import_module(_INFLATERS["zstd"][0])
@@ -109,7 +115,7 @@ def inflate_file(packed: Path, into: Path) -> None:
         while not engine.eof:
             feed = source.read(BLOCK_BYTES) if engine.needs_input else b""
             if engine.needs_input and not feed:
-                raise ValueError("its zstd data ends early")
+                raise EndsEarlyError("its zstd data ends early")
             try:
                 part = engine.decompress(feed, max_length=BLOCK_BYTES)
             except module.ZstdError as error:

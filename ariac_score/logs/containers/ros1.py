@@ -306,14 +306,18 @@ class Ros1Scan(ChunkedScan):
         self._reached(source.offset)
         connections, chunks = self._announced_connections, self._announced_chunks
         if not self._index_at:
-            raise source.damaged(
+            raise source.cut_off(
                 "the bag was never closed: it has no index, and its end may be missing; "
                 "`rosbag reindex` makes a copy with what is there"
             )
         # ROS 1 bags have no checksums, so these counts are the only evidence that nothing is missing.
         found = (len(self._connections), self._chunks, self._chunk_infos)
         if found != (connections, chunks, chunks):
-            raise source.damaged(
+            # All that is lost may be the end: of the index, or of the file before it.
+            lost_end = found[2] < chunks and (
+                found[:2] == (connections, chunks) or self._index_at >= source.size
+            )
+            raise (source.cut_off if lost_end else source.damaged)(
                 f"the bag header announces {connections} connections and {chunks} chunks, "
                 f"the file holds {found[0]} and {found[1]}, with {found[2]} in its index"
             )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from ariac_score.errors import LogError
+from ariac_score.errors import CutOffError, LogError
 from ariac_score.installed.system import read_at
 from ariac_score.logs.containers.items import RE_RECORD
 from ariac_score.logs.containers.ranged import open_log, ranged
@@ -66,6 +66,11 @@ class Source:
         """Bytes not read yet."""
         return self.size - self.offset
 
+    def cut_off(self, cause: str, *, what: str = "", at: int | None = None) -> CutOffError:
+        """The error for a file that ends before its end; arguments as of `damaged`."""
+        error = self.damaged(cause, what=what, at=at)
+        return CutOffError(error.cause, file=error.file, place=error.place, hint=error.hint)
+
     def damaged(self, cause: str, *, what: str = "", at: int | None = None) -> LogError:
         """The error for something unreadable at a byte offset (default: the next one)."""
         place = f"byte {self.offset if at is None else at}"
@@ -88,7 +93,7 @@ class Source:
         else:
             taken = self._seen[first : first + count]
         if len(taken) != count:
-            raise self.damaged("the file ends early", what=what)
+            raise self.cut_off("the file ends early", what=what)
         self.offset += count
         return taken
 
@@ -100,7 +105,7 @@ class Source:
         """
         self._reserve(len(room), what)
         if self._read_into(self.offset, room) != len(room):
-            raise self.damaged("the file ends early", what=what)
+            raise self.cut_off("the file ends early", what=what)
         self.offset += len(room)
 
     def later(self, count: int, what: str) -> Callable[[memoryview], None]:
@@ -147,7 +152,7 @@ class Source:
             LogError: They are not there.
         """
         if self._read_into(offset, room) != len(room):
-            raise self.damaged("the file ends early", what=what, at=offset)
+            raise self.cut_off("the file ends early", what=what, at=offset)
 
     def skip(self, count: int) -> None:
         """Move on over bytes that are there."""
@@ -201,6 +206,6 @@ class Source:
     def _reserve(self, count: int, what: str) -> None:
         # Before reading: a length word of a hostile file must not make us allocate that much memory.
         if count > self.left:
-            raise self.damaged(
+            raise self.cut_off(
                 f"the file is cut off: {what} needs {count} bytes, {max(self.left, 0)} are there", what=what
             )

@@ -8,16 +8,19 @@ Source: rosbag2_storage_sqlite3, schema versions 1 to 4.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Callable, Container, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import Any
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ariac_score.errors import LogError
+from ariac_score.errors import CutOffError, LogError
 from ariac_score.logs.containers.items import (
     Batch,
     Connection,
@@ -53,9 +56,9 @@ class SqliteScan:
 
     format = "ROS 2 bag (SQLite3)"
 
-    def __init__(self, path: Path, *, topics: Container[str] | None = None) -> None:
+    def __init__(self, path: Path, *, topics: Container[str] | None = None, partial: bool = False) -> None:
         self.path = path
-        self._topics_wanted = topics
+        self._topics_wanted, self._partial = topics, partial
         self._readable = "row 0"
         self._rows = self._row = 0
         self._topics: dict[Any, Connection] = {}
@@ -82,11 +85,39 @@ class SqliteScan:
             LogError: The file is not whole; see `readable`.
         """
         damage = _damage(self.path)
+        fault = damage.words
         try:
+            with self._opened(damage) as bag:
+                self._check_tables(bag)
+                yield from self._declared(bag)
+                yield from self._messages(bag)
+                if not fault:
+                    # Whether the indexes agree with the rows does not matter, so the quick check is enough:
+                    # it finds pages that are lost, used twice, out of order, or not what their lengths say.
+                    ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
+                    fault = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
+        except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
+            cause, place = fault or f"SQLite cannot read on: {error}", f"after {self._readable}"
+            raise self._error(cause, place, cut=damage.is_cut) from error
+        if fault:
+            raise self._error(fault, cut=damage.is_cut)
+
+    @contextmanager
+    def _opened(self, damage: _Damage) -> Iterator[sqlite3.Connection]:
+        """The database, to be read only."""
+        with TemporaryDirectory(prefix="ariac-score-") as folder:
             # Immutable: a log is evidence, so no journal is rolled back into it and no lock file created.
-            with closing(
-                sqlite3.connect(f"{self.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-            ) as bag:
+            uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1"
+            if damage.journals and self._partial:
+                # Its recorder was killed while it wrote: SQLite settles that by itself, in a copy.
+                copies = [copyfile(file, Path(folder, file.name)) for file in (self.path, *damage.journals)]
+                uri = copies[0].as_uri()
+            elif damage.whole_bytes is not None and self._partial:
+                # SQLite takes what is missing of a page for zeros, and those of a long message for its end.
+                whole = copyfile(self.path, Path(folder, self.path.name))
+                os.truncate(whole, damage.whole_bytes)
+                uri = f"{whole.as_uri()}?mode=ro&immutable=1"
+            with closing(sqlite3.connect(uri, uri=True)) as bag:
                 bag.execute("PRAGMA trusted_schema=OFF")
                 # Without it SQLite does not even open a file that lost its end, although the rows before
                 # are readable; `_damage` reports the loss.
@@ -94,24 +125,12 @@ class SqliteScan:
                 bag.execute("PRAGMA ignore_check_constraints=ON")  # they would be computed for each row
                 bag.set_progress_handler(_patience(self.path.stat().st_size), _STEPS_AT_ONCE)
                 if hasattr(bag, "setlimit"):  # from Python 3.11 on
-                    bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(self.path.stat().st_size, _SMALLEST_LENGTH))
-                self._check_tables(bag)
-                yield from self._declared(bag)
-                yield from self._messages(bag)
-                if not damage:
-                    # Whether the indexes agree with the rows does not matter, so the quick check is enough:
-                    # it finds pages that are lost, used twice, out of order, or not what their lengths say.
-                    ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
-                    damage = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
-        except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
-            raise self._error(
-                damage or f"SQLite cannot read on: {error}", f"after {self._readable}"
-            ) from error
-        if damage:
-            raise self._error(damage)
+                    longest = max(self.path.stat().st_size, _SMALLEST_LENGTH)
+                    bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
+                yield bag
 
-    def _error(self, cause: str, place: str = "") -> LogError:
-        return LogError(cause, file=self.path, place=place, hint=_HINT)
+    def _error(self, cause: str, place: str = "", *, cut: bool = False) -> LogError:
+        return (CutOffError if cut else LogError)(cause, file=self.path, place=place, hint=_HINT)
 
     def _check_tables(self, bag: sqlite3.Connection) -> None:
         """Make sure that the two tables are plain ones: a view or a virtual table could run for ever."""
@@ -142,8 +161,9 @@ class SqliteScan:
 
     def _messages(self, bag: sqlite3.Connection) -> Iterator[Item]:
         # The order of rows is the order of recording; an index by time would hide stamps that run backwards.
-        ((last,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
-        self._rows = last or 0
+        with suppress(sqlite3.DatabaseError):  # the last row is the first thing that a cut takes
+            ((last,),) = bag.execute("SELECT max(rowid) FROM messages").fetchall() or ((0,),)
+            self._rows = last or 0
         payload, wanted = "data", list[Any]()
         if self._topics_wanted is not None:
             # Unwanted payloads are not read: SQLite keeps long ones on overflow pages, which it then skips.
@@ -225,23 +245,41 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     return {**events, **known}
 
 
-def _damage(path: Path) -> str:
-    """Damage that shows in the file's header or in journals next to it; empty without any."""
-    for suffix in ("-wal", "-journal"):
-        journal = path.with_name(path.name + suffix)
-        if journal.is_file() and journal.stat().st_size:
-            return f"the recording was not closed: {journal.name} holds changes that are not in it"
+class _Damage(NamedTuple):
+    """Damage that shows before a row is read.
+
+    Attributes:
+        words: In words; empty without any.
+        is_cut: Whether its end alone is missing.
+        journals: Files beside it that hold changes which are not in it.
+        whole_bytes: Its bytes up to the last whole page, where it ends within one.
+    """
+
+    words: str = ""
+    is_cut: bool = False
+    journals: tuple[Path, ...] = ()
+    whole_bytes: int | None = None
+
+
+def _damage(path: Path) -> _Damage:
+    """Damage that shows in the file's header or in journals next to it."""
+    beside = [path.with_name(path.name + suffix) for suffix in ("-wal", "-journal")]
+    journals = tuple(file for file in beside if file.is_file() and file.stat().st_size)
+    if journals:
+        words = f"the recording was not closed: {journals[0].name} holds changes that are not in it"
+        return _Damage(words, True, journals)
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(100)
     if len(header) < 100 or not header.startswith(MAGIC):
-        return f"the file is not a whole SQLite file: {size} bytes, and its header is cut off or wrong"
+        words = f"the file is not a whole SQLite file: {size} bytes, and its header is cut off or wrong"
+        return _Damage(words)
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page  # 65536 does not fit into the field's 16 bits
     # The page count is valid only when the two change counters agree.
     pages = int.from_bytes(header[28:32], "big") if header[24:28] == header[92:96] else 0
     if page and (size % page or size < pages * page):
-        return (
-            f"the file is cut off: {size} bytes are there, its header speaks of {pages} pages of {page} bytes"
-        )
-    return ""
+        there = f"the file is cut off: {size} bytes are there"
+        words = f"{there}, its header speaks of {pages} pages of {page} bytes"
+        return _Damage(words, True, whole_bytes=size - size % page if size % page else None)
+    return _Damage()

@@ -26,6 +26,7 @@ class TopicStatistics:
     def __init__(self) -> None:
         self._topics: dict[str, _Topic] = {}
         self.messages = 0
+        self._latest_ns = self._largest_step_back_ns = 0
 
     def declare(self, connection: Connection) -> None:
         """Count a topic, even when no message follows."""
@@ -35,10 +36,18 @@ class TopicStatistics:
         """Count a message of a declared connection."""
         self.messages += 1
         self._topics[message.connection.topic].stamps_ns.append(message.stamp_ns)
+        self._largest_step_back_ns = max(self._largest_step_back_ns, self._latest_ns - message.stamp_ns)
+        self._latest_ns = max(self._latest_ns, message.stamp_ns)
 
     def count_many(self, batch: Batch) -> None:
         """Count many messages of declared connections."""
         self.messages += len(batch)
+        if len(batch):
+            latest_ns = np.maximum(np.maximum.accumulate(batch.stamps_ns), self._latest_ns)
+            self._largest_step_back_ns = max(
+                self._largest_step_back_ns, int((latest_ns - batch.stamps_ns).max())
+            )
+            self._latest_ns = int(latest_ns[-1])
         for place, connection in enumerate(batch.connections):
             stamps_ns = batch.stamps_ns[batch.sources == place]
             self._topics[connection.topic].stamps_ns.frombytes(stamps_ns.tobytes())
@@ -80,6 +89,17 @@ class TopicStatistics:
             steps = int((np.diff(stamps) < 0).sum())
             if steps:
                 yield name, steps
+
+    @property
+    def largest_step_back_s(self) -> float:
+        """The most by which a message was recorded earlier than one before it in the file, s."""
+        return self._largest_step_back_ns / 1e9
+
+    @property
+    def silent_but_one(self) -> bool:
+        """Whether one topic alone has messages, of several that are declared."""
+        heard = sum(1 for topic in self._topics.values() if topic.stamps_ns)
+        return heard == 1 < len(self._topics)
 
     def words(self) -> str:
         """Such as `4 topics, 3012 messages, 0.00 s to 30.10 s`."""

@@ -26,9 +26,11 @@ __all__ = [
     "narrowing",
     "remarks",
     "told",
+    "unofficial",
     "unrecorded",
     "when",
     "why_none",
+    "why_unofficial",
 ]
 
 LONGEST = 2000
@@ -70,6 +72,10 @@ def name(result: Result) -> str:
 
 def headline(result: Result) -> str:
     """The score that counts, and how it came about."""
+    return f"unofficial: {_headline(result)}" if result.measured.unofficial else _headline(result)
+
+
+def _headline(result: Result) -> str:
     if result.final is None:
         return f"no score{ends_in_words(result)}: {why_none(result)}"
     if result.adjusted is None:
@@ -90,6 +96,16 @@ def ends(result: Result) -> Mapping[str, Decimal]:
     """Both ends of the automatic score by the name that exports give them; nothing where none is open."""
     interval = result.interval
     return {} if interval is None else {"score_least": interval.least, "score_most": interval.most}
+
+
+def unofficial(result: Result) -> str:
+    """Why nothing official follows from it; empty where something can."""
+    return "; ".join(cut(why) for why in result.measured.unofficial)
+
+
+def why_unofficial(result: Result) -> list[str]:
+    """The same, a line each."""
+    return [f"unofficial: {cut(why)}" for why in result.measured.unofficial]
 
 
 def narrowing(result: Result) -> list[str]:

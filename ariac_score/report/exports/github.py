@@ -19,6 +19,7 @@ from ariac_score.report.exports.facts import (
     remarks,
     unrecorded,
     when,
+    why_unofficial,
 )
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
@@ -32,6 +33,7 @@ SHOWN = 10
 def github_text(result: Result) -> str:
     """A result as workflow commands, one a line: score, decisions, violations, undecided findings."""
     lines = [_command("notice" if result.final is not None else "error", name(result), headline(result))]
+    lines += [_command("warning", name(result), text) for text in why_unofficial(result)]
     lines += [_command("warning", f"{name(result)}: stewards", text) for text in remarks(result)]
     lines += [_command("warning", name(result), text) for text in narrowing(result)[:3]]
     lines += _findings(result, Verdict.VIOLATED, "error")

@@ -18,9 +18,11 @@ from ariac_score.report.exports.facts import (
     name,
     narrowing,
     remarks,
+    unofficial,
     unrecorded,
     when,
     why_none,
+    why_unofficial,
 )
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
@@ -60,7 +62,7 @@ def _score(result: Result, root: Element) -> None:
     if result.final is None:
         SubElement(case, "error", type=result.status, message=why_none(result))
     SubElement(case, "system-out").text = "\n".join(
-        [headline(result), *remarks(result), *narrowing(result), *unrecorded(result)]
+        [headline(result), *why_unofficial(result), *remarks(result), *narrowing(result), *unrecorded(result)]
     )
 
 
@@ -68,6 +70,8 @@ def _properties(result: Result) -> Iterator[tuple[str, str]]:
     yield "rule_set", result.provenance.rule_set.id
     yield "rule_set_sha256", result.provenance.rule_set.sha256
     yield "status", result.status
+    if result.measured.unofficial:
+        yield "unofficial", unofficial(result)
     for key, amount in (
         ("score", result.final),
         ("automatic_score", result.score),

@@ -19,6 +19,7 @@ from ariac_score.report.exports.facts import (
     told,
     unrecorded,
     when,
+    why_unofficial,
 )
 from ariac_score.report.openness import narrowing_text
 from ariac_score.report.summary import summary_of
@@ -46,6 +47,7 @@ def markdown_text(result: Result) -> str:
             f"{trial} {who}{escaped(measured.trial)} under {escaped(result.provenance.rule_set.id)}: "
             f"{escaped(result.rule_set_title)}"
         ],
+        [f"**{escaped(text)}**" for text in why_unofficial(result)],
         [escaped(summary_of(result))],
         list(_narrowing(result)),
         list(_adjustments(result)),

@@ -22,8 +22,10 @@ from ariac_score.report.exports.facts import (
     name,
     narrowing,
     remarks,
+    unofficial,
     unrecorded,
     when,
+    why_unofficial,
 )
 from ariac_score.results.result import Result, canonical
 
@@ -82,7 +84,7 @@ def _driver(result: Result) -> dict[str, Any]:
 
 def _notifications(result: Result) -> list[dict[str, Any]]:
     """The score, decisions of stewards, defects of the log, and what it does not contain."""
-    notes = [headline(result), *remarks(result), *narrowing(result)]
+    notes = [headline(result), *why_unofficial(result), *remarks(result), *narrowing(result)]
     notes += [f"{cut(d.where, 200)}: {cut(d.message)} ({d.count})" for d in result.measured.log_defects]
     notes += unrecorded(result)
     return [{"level": "note", "message": {"text": text}} for text in notes]
@@ -95,6 +97,7 @@ def _properties(result: Result) -> dict[str, Any]:
         "rule_set_sha256": result.provenance.rule_set.sha256,
         "status": result.status,
         "adjusted": result.adjusted is not None,
+        **({"unofficial": unofficial(result)} if result.measured.unofficial else {}),
         **{key: None if value is None else float(value) for key, value in amounts.items()},
         **{key: float(value) for key, value in ends(result).items()},
     }

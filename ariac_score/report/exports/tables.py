@@ -9,7 +9,13 @@ from collections.abc import Iterator
 from decimal import Decimal
 from typing import Any
 
-from ariac_score.report.exports.facts import ends, final_findings, narrowing, remarks
+from ariac_score.report.exports.facts import (
+    ends,
+    final_findings,
+    narrowing,
+    remarks,
+    unofficial,
+)
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.results.result import Result, canonical
 from ariac_score.terminal.style import plain
@@ -63,6 +69,7 @@ def _head(result: Result) -> dict[str, Any]:
         # Where nothing is open both ends are the score, so that a column can be used without a case.
         "score_least": _amount(ends(result).get("score_least", result.score)),
         "score_most": _amount(ends(result).get("score_most", result.score)),
+        "unofficial": unofficial(result),
         "adjustments": "; ".join(remarks(result)),
     }
 

@@ -210,6 +210,8 @@ def _improvements(slots: Sequence[WantedProduct], parts: Sequence[Product], test
 class _Briefcases:
     """What the rules about briefcases have in common."""
 
+    when_cut: ClassVar[str] = "witnessed"
+
     matching: Matching = "by_type_then_permutations"
     max_distance_m: float = parameter(0.02, unit="m", status="")
     min_quaternion_dot: float | None = 0.95

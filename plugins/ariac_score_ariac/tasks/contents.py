@@ -56,6 +56,8 @@ class Presence:
         counts_from: The version of the order since which submissions count.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
+
     compare: Literal["type", "type_and_color"] = "type_and_color"
     without_color: Literal["whole_name", "aborts", "aborts_unless_exact"] = "whole_name"
     type_names: TypeNames = "whole"
@@ -177,6 +179,8 @@ def _each_tray(
 class _Counted:
     """What the checks on numbers of products have in common."""
 
+    when_cut: ClassVar[str] = "witnessed"
+
     type_names: TypeNames = "whole"
     counts_from: CountsFrom = "update"
     kind: KindOfTask = "kitting"
@@ -278,6 +282,7 @@ class RightNumber:
         counts_from: The version of the order since which submissions count.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = (
         "shipment with a wrong number of parts",
         "shipments with a wrong number of parts",
@@ -316,6 +321,7 @@ class NoneFaulty:
         ARIAC 2017-2022, scoring: faulty products earn nothing and cost the bonus.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("shipment with faulty parts", "shipments with faulty parts")
 
     counts_from: CountsFrom = "update"

@@ -27,6 +27,7 @@ class OnlyKitting:
         kinds: Kinds of task that the rules know.
     """
 
+    when_cut: ClassVar[str] = "kept"
     mistake: ClassVar[tuple[str, str]] = (
         "order of another kind",
         "orders of other kinds",

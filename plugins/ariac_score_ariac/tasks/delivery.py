@@ -35,6 +35,7 @@ class Submitted:
         kind: Kind of task that it is about.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("shipment not submitted", "shipments not submitted")
 
     kind: KindOfTask = "kitting"
@@ -72,6 +73,7 @@ class Destination:
         kind: Kind of task that it is about.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("wrong destination", "wrong destinations")
 
     compare: Literal["agv", "station", "agv_and_station"] = "agv"
@@ -153,6 +155,7 @@ class OrderTime:
         kinds: Kinds of task whose time it is.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     measures: ClassVar[Mapping[str, Measure]] = {
         "time_taken_s": Measure("s", meaning="from the announcement to the last counted submission")
     }

@@ -55,6 +55,8 @@ class InsertSeen:
         ARIAC 2023 and 2024 as coded: the station factor.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
+
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
         """One finding for each assembly or combined task."""
         for task in order.tasks:
@@ -111,6 +113,7 @@ class InsertedPart:
         counting: Whether every part of the type is compared, or one for each place.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
 
     compare: Literal["type", "color", "pose", "color_and_pose"] = "type"
@@ -240,6 +243,7 @@ class PartAssembled:
         as assembled (topic assembly_insert_n_assembly_state).
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("part not assembled", "parts not assembled")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:

@@ -71,6 +71,7 @@ class OfficialOrderScore:
         on_crash: What a run that crashed is worth.
     """
 
+    when_cut: ClassVar[str] = "official"
     reads_official = True
     measures: ClassVar[Mapping[str, Measure]] = _OF_ORDER
 
@@ -151,6 +152,7 @@ class OfficialPrinted:
         ARIAC notes on log formats, sections 3 and 5; on recording, sections 1.7 and 1.8.
     """
 
+    when_cut: ClassVar[str] = "official"
     reads_official = True
     part_of: ClassVar[str] = "task"
 
@@ -182,6 +184,7 @@ class OfficialTrialScore:
         on_crash: What a run that crashed is worth.
     """
 
+    when_cut: ClassVar[str] = "official"
     part_of: ClassVar[str] = "task"
 
     in_gaps: ClassVar[str] = "unsampled"

@@ -161,6 +161,7 @@ class KitPose:
         type_names: Which part of a name is the type.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("wrong pose", "wrong poses")
 
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES
@@ -383,6 +384,7 @@ class TrayRight:
         max_distance_m: How far it may be from its place.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("wrong tray", "wrong trays")
 
     measures: ClassVar[Mapping[str, Measure]] = POSE_MEASURES

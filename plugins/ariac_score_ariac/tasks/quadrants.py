@@ -121,6 +121,8 @@ class TaskKind:
         kind: Kind of task that it is about.
     """
 
+    when_cut: ClassVar[str] = "kept"
+
     kind: Literal["kitting", "assembly", "combined"] = "kitting"
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:  # noqa: ARG002  # part of the contract
@@ -143,6 +145,7 @@ class OrderSubmitted:
         ARIAC 2024, order list: once, and not after the end.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("order not submitted", "orders not submitted")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
@@ -189,6 +192,7 @@ class QuadrantPart:
         challenge_marks: Whether a challenge makes one part faulty, or all of its quadrant.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     measures: ClassVar[Mapping[str, Measure]] = {
         "tilt_rad": Measure("rad", worst=math.pi, meaning="between the part's axis and the vertical")
     }
@@ -362,6 +366,7 @@ class ExtraParts:
         ARIAC 2023 and 2024: extra = max(parts on the tray - n, 0).
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("kit with parts too many", "kits with parts too many")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:
@@ -415,6 +420,7 @@ class TrayNumber:
         ARIAC 2023 and 2024: 3 points, from 2024 on 1, for the right tray.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     mistake: ClassVar[tuple[str, str]] = ("wrong tray", "wrong trays")
 
     def judge(self, trial: Trial, order: Order) -> Iterator[Finding]:

@@ -49,6 +49,7 @@ class RunOrder:
         there should be is in the table Trial.
     """
 
+    when_cut: ClassVar[str] = "official"
     reads_official = True
     measures: ClassVar[Mapping[str, Measure]] = _OF_ORDER
 
@@ -95,6 +96,7 @@ class RunRecord:
         unfinished: What a run that was neither completed nor aborted gives.
     """
 
+    when_cut: ClassVar[str] = "official"
     part_of: ClassVar[str] = "task"
 
     in_gaps: ClassVar[str] = "unsampled"

@@ -46,6 +46,7 @@ class SensorCost:
         free: Types that are placed without pay.
     """
 
+    when_cut: ClassVar[str] = "kept"
     part_of: ClassVar[str] = "task"
 
     in_gaps: ClassVar[str] = "unsampled"

@@ -41,6 +41,7 @@ class WrongColorPose:
         type_names: Which part of a name is the type.
     """
 
+    when_cut: ClassVar[str] = "witnessed"
     measures: ClassVar[Mapping[str, Measure]] = {
         "pairs": Measure("count", best=0.0, meaning="products of wrong colour in the place of a right one"),
         "groups": Measure("count", meaning="exact ordered types of which a sound product was delivered"),
