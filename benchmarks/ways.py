@@ -105,7 +105,7 @@ def inflater(kind: str) -> Callable[[memoryview, memoryview], object]:
 
 
 def state_log(path: Path) -> int:
-    from ariac_score.logs.gazebo import read_states  # noqa: PLC0415
+    from ariac_score.logs.gazebo_states import read_states  # noqa: PLC0415
 
     return sum(len(frames) for frames, _ in read_states(path).poses.values())
 

@@ -14,7 +14,8 @@ from ariac_score import load_result, load_rule_set, score_trial
 from ariac_score.checks.contracts import Wanted
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import DataFileError, LogError, ResultError
-from ariac_score.logs import gazebo, jsonl
+from ariac_score.logs import gazebo_models, gazebo_states, jsonl
+from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.cohort_file import load_cohort
 from ariac_score.results.result_file import as_json
@@ -231,12 +232,12 @@ def test_white_space_without_end_in_a_printed_value_ends(tmp_path: Path) -> None
 )
 def test_half_a_tag_repeated_without_end_ends(text: bytes) -> None:
     for pattern in (
-        gazebo._VERSION,
-        gazebo._SIM_TIME,
-        gazebo._DELETIONS,
-        gazebo._NAME,
-        gazebo._MODEL,
-        gazebo._POSE,
+        gazebo_states._VERSION,
+        gazebo_states._SIM_TIME,
+        gazebo_states._DELETIONS,
+        gazebo_states._NAME,
+        gazebo_models._MODEL,
+        gazebo_states._POSE,
     ):
         assert sum(1 for _ in pattern.finditer(text)) <= len(text)
 
@@ -247,7 +248,7 @@ def test_a_simulated_time_of_thousands_of_digits_is_corrupt(tmp_path: Path) -> N
     chunks = "".join(f"<chunk encoding='txt'><![CDATA[{text}]]></chunk>" for text in ("<sdf></sdf>", frame))
     file.write_text(f"<gazebo_log>{chunks}</gazebo_log>")
     with pytest.raises(LogError):
-        gazebo.GazeboStateReader().read(file, WANTED)
+        GazeboStateReader().read(file, WANTED)
 
 
 def test_a_string_of_escapes_that_never_ends_ends() -> None:

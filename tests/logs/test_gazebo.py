@@ -21,7 +21,9 @@ from hypothesis import strategies as st
 from ariac_score.checks.contracts import Reader, Wanted
 from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.logs import gazebo_text
-from ariac_score.logs.gazebo import Entity, GazeboStateReader, read_states
+from ariac_score.logs.gazebo import GazeboStateReader
+from ariac_score.logs.gazebo_models import Entity
+from ariac_score.logs.gazebo_states import read_states
 from ariac_score.trial.channels import BodyMatch, LogMap
 from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import Span
