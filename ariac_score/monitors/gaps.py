@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -22,32 +21,15 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vectors import dot, lengths
 
 __all__ = [
-    "Ends",
-    "acceleration_band",
+    "Place",
     "between",
     "distance_to_lens",
-    "excursion",
     "highest_speed",
     "lowest_speed",
-    "most_episodes",
+    "off_the_chord",
     "places_apart",
     "reach",
-    "rest_excursion",
-    "violation",
 ]
-
-
-@dataclass(frozen=True)
-class Ends:
-    """The least and the most of a number.
-
-    Attributes:
-        least: No world has less.
-        most: No world has more.
-    """
-
-    least: float
-    most: float
 
 
 def reach(rate: float, lasts_s: FloatArray | float) -> FloatArray:
@@ -89,108 +71,7 @@ def between(
     return least, np.where(np.isnan(most), np.inf, most)
 
 
-def violation(
-    before_m: float, after_m: float, gap_s: float, rate_m_s: float, limit_m: float
-) -> dict[str, Ends]:
-    """Time, depth and integral of being nearer than a limit in one gap: exact, attained by two paths.
-
-    Args:
-        before_m: Distance at the beginning of the gap, m.
-        after_m: At its end, m.
-        gap_s: Its length, s.
-        rate_m_s: Closing speed of both bodies together, m/s.
-        limit_m: Nearer than this is a violation, m.
-
-    Raises:
-        ValueError: The two samples are further apart than the speed allows.
-
-    >>> violation(0.5, 0.5, 3.0, 1.0, 1.0)["time_s"]
-    Ends(least=1.0, most=3.0)
-    """
-    least = _over_gap(before_m, after_m, gap_s, rate_m_s, limit_m, sign=1.0)
-    most = _over_gap(before_m, after_m, gap_s, rate_m_s, limit_m, sign=-1.0)
-    return {name: Ends(least[name], most[name]) for name in least}
-
-
-def _over_gap(
-    before_m: float, after_m: float, gap_s: float, rate_m_s: float, limit_m: float, *, sign: float
-) -> dict[str, float]:
-    """The same on one of the two extreme paths: away as fast as can be (+1), or towards each other (-1)."""
-    needed = abs(after_m - before_m) / gap_s
-    if needed > rate_m_s * (1.0 + 1e-12):
-        raise ValueError(f"the samples need {needed:g} m/s, and {rate_m_s:g} m/s is the bound")
-    turn_s = (gap_s + sign * (after_m - before_m) / rate_m_s) / 2.0
-    turn_m = before_m + sign * rate_m_s * turn_s
-    corners = [(0.0, before_m), (turn_s, turn_m), (gap_s, after_m)]
-    time_s = integral = depth = 0.0
-    for (t1, d1), (t2, d2) in pairwise(corners):
-        time_s += _time_below(t2 - t1, d1, d2, limit_m)
-        # Distances have a floor: what the line is below 0 is no depth.
-        integral += _integral_below(t2 - t1, d1, d2, limit_m) - _integral_below(t2 - t1, d1, d2, 0.0)
-        depth = max(depth, limit_m - max(min(d1, d2), 0.0))
-    return {"time_s": time_s, "depth_m": max(depth, 0.0), "integral_m_s": integral}
-
-
-def _time_below(lasts_s: float, first: float, last: float, limit: float) -> float:
-    """How long a straight line is below a limit."""
-    if lasts_s <= 0.0:
-        return 0.0
-    low, high = min(first, last), max(first, last)
-    if high <= limit:
-        return lasts_s if low < limit else 0.0
-    return 0.0 if low >= limit else lasts_s * (limit - low) / (high - low)
-
-
-def _integral_below(lasts_s: float, first: float, last: float, limit: float) -> float:
-    """The area between a limit and the part of a straight line below it."""
-    if lasts_s <= 0.0:
-        return 0.0
-    low, high = min(first, last), max(first, last)
-    if high <= limit:
-        return lasts_s * (limit - (low + high) / 2.0)
-    return 0.0 if low >= limit else lasts_s * (limit - low) ** 2 / (2.0 * (high - low))
-
-
-# Acceleration ----------------------------------------------------------------------------------
-
-
-def acceleration_band(
-    before: float, after: float, since_s: FloatArray | float, gap_s: float, acceleration: float
-) -> tuple[FloatArray, FloatArray]:
-    """The least and the most of a number between two samples whose second derivative is bounded.
-
-    Tight at each instant; the envelope is not one path, so that integrals over it are outer bounds.
-
-    >>> [float(end) for end in acceleration_band(2.0, 2.0, 0.5, 1.0, 2.0)]
-    [1.75, 2.25]
-    """
-    since = np.asarray(since_s, dtype=np.float64)
-    chord = before + (after - before) * since / gap_s
-    bow = acceleration * since * (gap_s - since) / 2.0
-    return chord - bow, chord + bow
-
-
-def excursion(gap_s: float, speed: float, acceleration: float) -> float:
-    """How far something gets from two equal samples, with speed and acceleration bounded.
-
-    >>> excursion(2.0, 0.5, 1.0)
-    0.375
-    """
-    half_s = gap_s / 2.0
-    if half_s <= speed / acceleration:
-        return acceleration * half_s * half_s / 2.0
-    return speed * half_s - speed * speed / (2.0 * acceleration)
-
-
-def rest_excursion(gap_s: float, speed: float, acceleration: float) -> float:
-    """The same where it rests at both samples.
-
-    >>> rest_excursion(1.0, math.inf, 2.0), rest_excursion(2.0, 0.5, 4.0)
-    (0.125, 0.4375)
-    """
-    if acceleration * gap_s / 4.0 <= speed:
-        return acceleration * gap_s * gap_s / 16.0
-    return speed * gap_s / 2.0 - speed * speed / acceleration
+# Speeds ----------------------------------------------------------------------------------------
 
 
 def highest_speed(
@@ -277,26 +158,49 @@ def _ratio(radius: FloatArray, distance: FloatArray) -> FloatArray:
     return np.divide(radius, distance, out=np.zeros_like(distance), where=distance > 0)
 
 
+def off_the_chord(
+    since_s: FloatArray | float, until_s: FloatArray | float, acceleration_m_s2: float
+) -> FloatArray:
+    """How far a point can be from the straight way between its samples, if its velocity changes no faster, m.
+
+    Tight at each instant, but no one path is as far at all of them.
+
+    >>> float(off_the_chord(0.5, 0.5, 2.0))
+    0.25
+    """
+    return np.asarray(acceleration_m_s2 * np.asarray(since_s) * np.asarray(until_s) / 2.0, dtype=np.float64)
+
+
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a point can be: within a ball about the sample before, and one about the sample after.
+class Place:
+    """Where a point can be: near the sample before, near the sample after, and near the way between both.
 
     Attributes:
         before: Centre, shape (n, k), m.
         after: Centre, shape (n, k), m.
-        since_m: How far it can have come since the sample before, shape (n,), m; infinite without one.
+        since_m: How far it can have come since the sample before, shape (n,), m; infinite without one. A
+            point whose place is known has radii of 0.
         until_m: How far it can still be from the sample after, likewise.
+        chord: Where it would be on the straight way between both, shape (n, k), m; `None`: nothing bounds
+            how far it can be from there.
+        chord_m: How far it can be from there, shape (n,), m; infinite where nothing bounds it.
     """
 
     before: FloatArray
     after: FloatArray
     since_m: FloatArray
     until_m: FloatArray
+    chord: FloatArray | None = None
+    chord_m: FloatArray | None = None
 
     @cached_property
     def balls(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Centre and radius of each, and of the ball around where both overlap, as far as it is smaller."""
-        return (self.before, self.since_m), (self.after, self.until_m), self._overlap
+        """Centre and radius of each, and of the ball around where two overlap, as far as it is smaller."""
+        return (self.before, self.since_m), (self.after, self.until_m), self._overlap, *self._near_chord
+
+    @property
+    def _near_chord(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        return () if self.chord is None or self.chord_m is None else ((self.chord, self.chord_m),)
 
     @property
     def _overlap(self) -> tuple[FloatArray, FloatArray]:
@@ -318,24 +222,18 @@ class _Place:
         of_lens = distance_to_lens(point, self.before, since, self.after, until)
         sides = (self.before, self.since_m), (self.after, self.until_m)
         of_balls = [np.maximum(lengths(point - centre) - radius, 0.0) for centre, radius in sides]
-        return np.where(both, of_lens, np.maximum(*of_balls))
+        found = np.where(both, of_lens, np.maximum(*of_balls))
+        for centre, radius in self._near_chord:
+            found = np.maximum(found, lengths(point - centre) - radius)
+        return found
 
 
-def places_apart(
-    one: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    other: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray]:
+def places_apart(first: Place, second: Place) -> tuple[FloatArray, FloatArray]:
     """The least and the most distance of two points between their samples.
-
-    Args:
-        one: Where it was before, shape (n, k), and after; how far it can have come since, shape (n,), and
-            how far it can still have to go, m. A point whose place is known has radii of 0.
-        other: The same of the other point.
 
     Returns:
         Shape (n,) each, m. The most is an outer bound where both move.
     """
-    first, second = _Place(*one), _Place(*other)
     least = np.zeros(len(first.before))
     most = np.full(len(first.before), np.inf)
     for centre, radius in second.balls:
@@ -346,40 +244,3 @@ def places_apart(
         for there, there_m in second.balls:
             most = np.minimum(most, lengths(here - there) + here_m + there_m)
     return least, most
-
-
-# Episodes --------------------------------------------------------------------------------------
-
-
-def most_episodes(
-    before_m: float,
-    after_m: float,
-    gap_s: float,
-    rate_m_s: float,
-    limit_m: float,
-    *,
-    hysteresis_m: float = 0.0,
-    t_off_s: float = 0.0,
-) -> float:
-    """How many violations can begin and end between two safe samples; infinite: nothing bounds it.
-
-    Args:
-        before_m: Distance at the beginning of the gap, m.
-        after_m: At its end, m.
-        gap_s: Its length, s.
-        rate_m_s: Closing speed of both bodies together, m/s.
-        limit_m: Nearer than this is a violation, m.
-        hysteresis_m: A violation ends at so much beyond the limit, m.
-        t_off_s: And once it has been over for so long, s.
-
-    >>> most_episodes(1.1, 1.1, 2.0, 1.0, 1.0, hysteresis_m=0.2)
-    5.0
-    """
-    first_s, last_s = (before_m - limit_m) / rate_m_s, gap_s - (after_m - limit_m) / rate_m_s
-    if first_s > last_s:
-        return 0.0
-    period_s = max(2.0 * hysteresis_m / rate_m_s, t_off_s)
-    if period_s == 0.0:
-        return math.inf
-    # 1 in 10^9 more: 1.8 s by 0.4 s of each is 4.5, but 2 s by 0.4 s must not be 4.999.
-    return 1.0 + math.floor((last_s - first_s) / period_s + 1e-9)

@@ -9,7 +9,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.monitors.gaps import between, highest_speed, lowest_speed, places_apart, reach
+from ariac_score.monitors.gaps import (
+    Place,
+    between,
+    highest_speed,
+    lowest_speed,
+    off_the_chord,
+    places_apart,
+    reach,
+)
 from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples, MotionBound
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
@@ -173,6 +181,7 @@ class _Sides:
         after: Of the one after; the number of samples: there is none.
         since_s: From the sample before to the end of the cell, s; infinite where there is none.
         until_s: From the beginning of the cell to the sample after, likewise.
+        gap_s: From the one sample to the other, likewise.
         open: Whether nothing is known in the cell but these two.
     """
 
@@ -180,6 +189,7 @@ class _Sides:
     after: Places
     since_s: FloatArray
     until_s: FloatArray
+    gap_s: FloatArray
     open: BoolArray
 
     @classmethod
@@ -195,7 +205,7 @@ class _Sides:
             if stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
                 there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
                 since_s[there] = until_s[there] = np.inf
-        return cls(after - 1, after, since_s, until_s, is_open)
+        return cls(after - 1, after, since_s, until_s, edges[after + 1] - edges[after], is_open)
 
     def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The values before and after each cell; NaN where there is no sample."""
@@ -354,10 +364,10 @@ class Unseen:
             least, most = np.maximum(least - radii, 0.0), np.maximum(most - radii, 0.0)
         return least, most
 
-    def _places(self, body: Body, cells: Cells, components: int) -> list[_Known] | None:
+    def _places(self, body: Body, cells: Cells, components: int) -> list[Place] | None:
         """Where each point of a body can be in each cell."""
         motion = self.assumed.of(body.kind)
-        found: list[_Known] = []
+        found: list[Place] = []
         for point in _points(body):
             position = self.trial.signals.get(f"position/{point}")
             if position is None or motion is None or not len(position):
@@ -380,7 +390,10 @@ class Unseen:
                     f"{motion.max_speed_m_s:g} m/s"
                 ] = None
                 since_m[broken], until_m[broken] = np.inf, np.inf
-            found.append((before, after, since_m, until_m))
+            place = Place(before, after, since_m, until_m)
+            if math.isfinite(motion.max_acceleration_m_s2):
+                place = _near_chord(place, sides, cells, motion, self.error_s(stream.signal))
+            found.append(place)
         return found
 
     def _speed(
@@ -413,19 +426,28 @@ class Unseen:
     ) -> tuple[FloatArray, FloatArray]:
         """Within half of what it can change in an interval, a speed is the mean one of that interval."""
         before, after = sides.values(position.values)
-        t = np.concatenate(([-np.inf], position.t, [np.inf]))
-        gap_s = t[sides.after + 1] - t[sides.before + 1]
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = lengths(after - before) / gap_s
-            swing = change * gap_s / 2.0
+            mean = lengths(after - before) / sides.gap_s
+            swing = change * sides.gap_s / 2.0
         loose = ~np.isfinite(mean) | ~np.isfinite(swing)
         high = np.where(loose, top, np.minimum(mean + swing, top))
         low = np.where(loose, 0.0, np.maximum(mean - swing, 0.0))
         return low, high
 
 
-_Known = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Where a point is before and after each cell, and how far it can be from there."""
+def _near_chord(place: Place, sides: _Sides, cells: Cells, motion: MotionBound, error_s: float) -> Place:
+    """The place, and how far from the straight way between both samples the point can be in each cell."""
+    known = sides.open & np.isfinite(place.since_m) & np.isfinite(place.until_m)
+    since_s, until_s, gap_s = (
+        np.where(known, one, 1.0) for one in (sides.since_s, sides.until_s, sides.gap_s)
+    )
+    half_s, step = (cells.end - cells.t) / 2.0, place.after - place.before
+    # Stamps that are wrong by so much move the chord no further than the body itself moves meanwhile.
+    radius_m = off_the_chord(since_s, until_s, motion.max_acceleration_m_s2) + motion.max_speed_m_s * error_s
+    radius_m += lengths(step) * half_s / gap_s
+    share = (since_s - error_s - half_s) / gap_s
+    chord = place.before + step * np.where(known, share, 0.0)[:, None]
+    return replace(place, chord=chord, chord_m=np.where(known, radius_m, np.inf))
 
 
 def _points(body: Body, *, whole: bool = False) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.monitors.monitor import SubjectMonitor
-from ariac_score.monitors.unseen import broken_bounds
+from ariac_score.monitors.unseen import Unseen, broken_bounds, cells_of
 from ariac_score.trial.bounds import BetweenSamples, between_samples
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -74,26 +74,72 @@ def of_gap(findings: tuple[Finding, ...], quantity: str) -> float:
     return sum(f.quantities[quantity] for f in findings if f.verdict is Verdict.VIOLATED)
 
 
-def test_both_worlds_have_the_time_depth_and_integral_of_the_worked_cases(subtests: pytest.Subtests) -> None:
-    """G6, G8 and G9, whose samples stand still around the gap; cells make the worst a little worse."""
-    for case, before, after, gap_s, time_s, integral in (
-        ("G6, safe at both ends", 2.0, 2.0, 3.0, (0.0, 1.0), (0.0, 0.25)),
-        ("G8, violated at one", 0.4, 2.0, 3.0, (1.0 + 0.6, 1.0 + 2.0), (0.6 + 0.18, 0.6 + 1.42)),
+# Worked by hand: both samples, the gap, the closing speed and the limit; then what is least and most of
+# time, depth and integral. G1 to G9 of the collection, whose numbers random paths never left.
+WORKED: Mapping[str, tuple[tuple[float, float, float, float, float], tuple[tuple[float, float], ...]]] = {
+    "G1": ((2, 2, 1, 1.6, 1), ((0, 0), (0, 0), (0, 0))),
+    "G2": ((3, 2, 2, 2, 1), ((0, 0.5), (0, 0.5), (0, 0.125))),
+    "G3": ((1, 1, 2, 1.5, 1), ((0, 2), (0, 1), (0, 4 / 3))),
+    "G5, one path": ((4, 1, 1, 3, 2), ((1 / 3,) * 2, (1, 1), (1 / 6,) * 2)),
+    "G6": ((2, 2, 3, 1, 1), ((0, 1), (0, 0.5), (0, 0.25))),
+    "G7": ((0.5, 0.5, 3, 1, 1), ((1, 3), (0.5, 1), (0.25, 2.75))),
+    "G8": ((0.4, 2, 3, 1, 1), ((0.6, 2), (0.6, 1), (0.18, 1.42))),
+    "G9, known safe": ((1.2, 1.2, 0.3, 1, 1), ((0, 0), (0, 0), (0, 0))),
+}
+
+
+def near(limit_m: float, **parameters: float) -> SubjectMonitor:
+    """Of being nearer than a limit."""
+    return replace(NEARER_THAN_1_M, holds=f"d >= {limit_m:g}", **parameters)
+
+
+def by(closing_m_s: float) -> Mapping[str, Any]:
+    """Bounds with that closing speed of both together."""
+    return {
+        "human": {"max_speed_m_s": closing_m_s, "source": "walks"},
+        "robot": {"max_speed_m_s": 0.0, "source": "bolted down"},
+    }
+
+
+@pytest.mark.parametrize("case", WORKED)
+def test_both_worlds_have_the_time_depth_and_integral_of_the_worked_cases(case: str) -> None:
+    """Around the gap both stand still for a second; cells make both ends a little wider."""
+    (before, after, gap_s, closing, limit), (time_s, depth_m, integral) = WORKED[case]
+    findings, opened = found(near(limit), trial(sampled(before, after, gap_s), stated=by(closing)))
+    best, worst = (opened[0].best, opened[0].worst) if opened else (tuple(findings),) * 2
+    around = [max(limit - one, 0.0) for one in (before, after)]
+
+    for quantity, ends, still in (
+        ("time_in_violation_s", time_s, sum(one > 0 for one in around)),
+        ("depth_integral_m_s", integral, sum(around)),
     ):
-        with subtests.test(case):
-            _, (worlds,) = found(NEARER_THAN_1_M, trial(sampled(before, after, gap_s)))
-            for quantity, (least, most) in {
-                "time_in_violation_s": time_s,
-                "depth_integral_m_s": integral,
-            }.items():
-                assert least - 0.03 <= of_gap(worlds.best, quantity) <= least + 1e-6
-                assert most - 1e-6 <= of_gap(worlds.worst, quantity) <= most + 0.03
-    with subtests.test("G9, known safe: nothing is open, and the worst margin stands for it"):
-        findings, opened = found(NEARER_THAN_1_M, trial(sampled(1.2, 1.2, 0.3)))
-        assert opened == []
-        assert [one.verdict for one in findings] == [Verdict.SATISFIED]
+        assert ends[0] + still - 0.02 <= of_gap(best, quantity) <= ends[0] + still + 1e-6
+        assert ends[1] + still - 1e-6 <= of_gap(worst, quantity) <= ends[1] + still + 0.02
+    for found_in, deepest in ((best, depth_m[0]), (worst, depth_m[1])):
+        depths = [f.quantities["depth_max_m"] for f in found_in if f.verdict is Verdict.VIOLATED]
+        assert max(depths, default=0.0) == pytest.approx(max(deepest, *around), abs=0.01)
+    if case.startswith("G9"):  # the worst margin stands for it, and no sample shows it
+        assert (opened, findings[0].evidence) == ([], ())
         assert findings[0].robustness == pytest.approx(0.05, abs=0.01)
-        assert findings[0].evidence == ()  # no sample shows it
+
+
+def test_g4_samples_that_no_body_so_slow_could_have_made_are_named() -> None:
+    """4 m in a second, where 3 m/s are the most."""
+    given = trial(sampled(5.0, 1.0, 1.0), stated=by(3.0))
+    assert given.between is not None
+    broken = broken_bounds(given, given.between)
+
+    assert broken is not None
+    assert (broken.needed, broken.bound, broken.t_s) == (pytest.approx(4.0), 3.0, 2.0)
+
+
+@pytest.mark.parametrize(("pause_s", "most"), [(0.4, 5), (1.0, 2)])
+def test_g20_a_gap_holds_as_many_violations_as_pauses_fit_into_it(pause_s: float, most: int) -> None:
+    """Both samples 0.1 m beyond the limit, and 2 s: nearer from 0.1 to 1.9 s at most; at best not once."""
+    (worlds,) = found(near(1.0, t_off_s=pause_s), trial(sampled(1.1, 1.1, 2.0), stated=by(1.0)))[1]
+
+    assert [f.verdict for f in worlds.best] == [Verdict.SATISFIED]
+    assert len([f for f in worlds.worst if f.verdict is Verdict.VIOLATED]) == most
 
 
 def test_a_hiccup_far_away_leaves_nothing_open_and_one_nearby_says_how_long() -> None:
@@ -240,6 +286,69 @@ def test_places_bound_a_distance_that_follows_from_them() -> None:
     assert [f.verdict for f in found(HumanContact(contact_distance_m=1.1), given)[1][0].best] == [
         Verdict.VIOLATED
     ]
+
+
+def moved(stated: Mapping[str, Any], tracks: Mapping[str, tuple[Any, Any]]) -> Trial:
+    """A robot and a human by their positions, each with its times."""
+    signals = {
+        f"position/{body}": Signal(f"position/{body}", "m", t, at, f"/{body}")
+        for body, (t, at) in tracks.items()
+    }
+    last_s = float(max(t[-1] for t, _ in tracks.values()))
+    given = replace(trial({0.0: 1.0, last_s: 1.0}, stated=stated, every=True), signals=signals)
+    return derive_signals(given, [Derivation("separation", 5.0)])
+
+
+def test_g12_an_acceleration_keeps_a_body_near_the_straight_way_between_its_places() -> None:
+    """2 m apart at both ends of a second: by 2 m/s2 no nearer than 1.75 m; speed alone allows contact."""
+    t, still = np.array([0.0, 1.0]), np.zeros((2, 3))
+
+    def nearest(**acceleration: float) -> float:
+        stated = {**by(9.0), "human": {"max_speed_m_s": 9.0, "source": "runs", **acceleration}}
+        given = moved(stated, {"arm": (t, still), "ann": (t, still + np.array([2.0, 0.0, 0.0]))})
+        findings, opened = found(HumanContact(contact_distance_m=0.5), given)
+        worst = opened[0].worst if opened else findings
+        return 0.5 + min(f.robustness for f in worst if f.robustness is not None)
+
+    assert nearest(max_acceleration_m_s2=2.0) == pytest.approx(1.75, abs=0.005)
+    assert nearest() == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("error_s", [0.0, 0.02])
+def test_no_drive_within_its_bounds_is_anywhere_but_where_they_say(error_s: float) -> None:
+    """Two bodies with drawn accelerations, sampled now and then with stamps that may be wrong."""
+    random = np.random.default_rng(12)
+    step_s, fastest, change = 0.001, 1.2, 3.0
+    stated: dict[str, Any] = {
+        kind: {"max_speed_m_s": fastest, "max_acceleration_m_s2": change, "source": "drawn"}
+        for kind in ("human", "robot")
+    }
+    for _ in range(5):
+        steps, t = 2000, np.arange(2000) * step_s
+        tracks, ways = {}, {}
+        for body in ("arm", "ann"):
+            pushes = np.repeat(random.uniform(-1, 1, size=(steps // 100, 2)), 100, axis=0)
+            pushes *= change / np.sqrt(2)
+            speeds = np.cumsum(pushes * step_s, axis=0)
+            speeds /= np.maximum(np.abs(speeds).max() * np.sqrt(2) / fastest, 1.0)
+            ways[body] = np.column_stack(
+                [np.cumsum(speeds * step_s, axis=0) + random.normal(size=2), np.zeros(steps)]
+            )
+            rows = np.unique(np.concatenate([[0, steps - 1], random.integers(0, steps, size=6)]))
+            late = np.maximum.accumulate(t[rows] + random.uniform(-error_s, error_s, size=len(rows)))
+            kept = np.append(np.diff(late) > 0, True)
+            tracks[body] = late[kept], ways[body][rows][kept]
+        given = moved({**stated, "time_error_s": error_s}, tracks)
+        window, between_ = given.window, given.between
+        assert window is not None
+        assert between_ is not None
+        unseen, signal = Unseen(given, between_, window, 0.05), given.signals["separation/arm/ann"]
+        cells = cells_of(window, [signal.t], unseen.streams(signal), 2 * fastest)
+        both = unseen.bounds(signal, cells)
+        assert both is not None
+        true = np.interp(cells.t, t, np.linalg.norm(ways["arm"] - ways["ann"], axis=1))
+        assert (both[0] <= true + 2e-3).all()
+        assert (true <= both[1] + 2e-3).all()
 
 
 def test_speeds_between_samples_are_bounded_by_speed_and_acceleration() -> None:
