@@ -10,11 +10,13 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
-from ariac_score.monitors.unseen import Cells, Stream, Unseen, cells_of
-from ariac_score.monitors.worlds import Worsening, alike, blunt_worlds, causes_of_cells, merged
+from ariac_score.monitors.causes import causes_of_cells
+from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
+from ariac_score.monitors.unseen import Unseen
+from ariac_score.monitors.worlds import Worsening, alike, blunt_worlds
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, uncovered_spans
 
 __all__ = ["FilledSignals", "worlds_between"]
 
@@ -128,7 +130,7 @@ def _spans(
     ]
     if every:
         found += [span for stream in opened for span in stream.spans(window)]
-    return merged(found)
+    return merged(found, within_s=TOLERANCE_S)
 
 
 def _before(seen: Sequence[Finding], at_s: float) -> list[Finding]:

@@ -18,13 +18,15 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, Worlds
+from ariac_score.monitors.causes import causes_of_cells, causes_of_spans
+from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
-from ariac_score.monitors.unseen import DISTANCES, SPEEDS, Cells, Stream, Unseen, cells_of
+from ariac_score.monitors.unseen import DISTANCES, SPEEDS, Unseen
 from ariac_score.monitors.watched import UndecidedError, Watched
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.vocabulary import quantity_of
 
@@ -34,8 +36,6 @@ __all__ = [
     "Worsening",
     "alike",
     "blunt_worlds",
-    "causes_of_cells",
-    "merged",
     "open_worlds",
     "whole_window",
 ]
@@ -120,7 +120,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         spans = list(watched.gaps)
         if assumed.every:
             spans += [span for stream in opened for span in stream.spans(window)]
-        return _blunt(watched, judge, monitor, opened, merged(spans)) if spans else None
+        return _blunt(watched, judge, monitor, opened, merged(spans, within_s=TOLERANCE_S)) if spans else None
     except UndecidedError:
         return None
 
@@ -379,11 +379,11 @@ def blunt_worlds(
     decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
     undecided = [one.span for one in seen if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
-    hidden = merged([*spans, *undecided])
+    hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
     broken = [finding for span in hidden for finding in _all_of(subject, span, monitor, seen)]
     worst = [one for one in seen if one.verdict is Verdict.VIOLATED] + broken
     kept = _bridged(decided, spans) or [_kept(subject, monitor)]
-    return Worlds(subject, tuple(kept), tuple(worst), _causes_of(opened, spans))
+    return Worlds(subject, tuple(kept), tuple(worst), causes_of_spans(opened, spans))
 
 
 def _bridged(findings: Sequence[Finding], spans: Sequence[Span]) -> list[Finding]:
@@ -430,17 +430,6 @@ def _all_of(subject: str, span: Span, monitor: Worsening, seen: Sequence[Finding
     return [worst, *(_touch(worst, span.start_s + k * monitor.t_off_s) for k in range(again))]
 
 
-def merged(spans: Iterable[Span]) -> list[Span]:
-    """Spans in time order, those that touch as one."""
-    found: list[Span] = []
-    for span in sorted(spans):
-        if found and span.start_s <= found[-1].end_s + 1e-9:
-            found[-1] = Span(found[-1].start_s, max(found[-1].end_s, span.end_s))
-        else:
-            found.append(span)
-    return found
-
-
 def whole_window(
     trial: Trial,
     subject: str,
@@ -478,72 +467,3 @@ def _kept(subject: str, monitor: Worsening) -> Finding:
     quantities |= {"exposure_s": 0.0} if "exposure_s" in measures else {}
     kept = Finding.satisfied(subject, "nothing shows that the limit was broken", clause=monitor.clause)
     return replace(kept, quantities=quantities)
-
-
-# Causes ----------------------------------------------------------------------------------------
-
-
-MOST_SPANS = 1000
-"""Of a cause, stretches that are kept; its text counts them all."""
-
-
-def causes_of_cells(
-    opened: Sequence[Stream],
-    window: Span,
-    remarks: tuple[str, ...],
-    differing: Sequence[tuple[FloatArray, FloatArray]] = (),
-) -> tuple[Cause, ...]:
-    """Why something is open: for each source its open intervals in which the worlds differ, or all."""
-    sources: dict[str, list[FloatArray]] = {}
-    for stream in opened:
-        sources.setdefault(stream.signal.source or stream.signal.name, []).append(stream.edges(window))
-    found, late = [], _late(opened)
-    for source, several in sorted(sources.items()):
-        # Signals of one message have the same intervals.
-        starts, ends = np.unique(np.concatenate(several, axis=1), axis=1)
-        matters = np.zeros(len(starts), dtype=bool)
-        for begins, until in differing:
-            row = np.searchsorted(until, starts, side="right")
-            matters |= (row < len(begins)) & (np.append(begins, np.inf)[row] < ends)
-        if matters.any() or not any(len(begins) for begins, _ in differing):
-            kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
-            spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
-            lengths = 1000.0 * (ends - starts)[kept]
-            stored = spans if len(spans) <= MOST_SPANS else merged(spans)[:MOST_SPANS]
-            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}{_thinned(opened, source)}"
-            found.append(Cause(words, source, tuple(stored)))
-    return (*found, *(Cause(remark) for remark in remarks))
-
-
-def _causes_of(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, ...]:
-    """Why the same spans are open of all streams."""
-    sources = sorted({stream.signal.source or stream.signal.name for stream in opened})
-    lengths = [1000.0 * span.duration_s for span in spans]
-    source = sources[0] if len(sources) == 1 else ""
-    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans[:MOST_SPANS])),)
-
-
-def _late(opened: Sequence[Stream]) -> dict[str, str]:
-    """Of sources that nobody stamped, how late their messages came: bounds are as much wider."""
-    found: dict[str, float] = {}
-    for stream in opened:
-        source = stream.signal.source or stream.signal.name
-        found[source] = max(found.get(source, 0.0), stream.signal.stamp_jitter_s)
-    return {
-        source: f", stamped on arrival up to {1000.0 * late_s:.0f} ms late"
-        for source, late_s in found.items()
-        if late_s >= 0.0005
-    }
-
-
-def _thinned(opened: Sequence[Stream], source: str) -> str:
-    """That a source is recorded less often than it is published, in words; empty where it is not."""
-    published_s = max((one.published_s for one in opened if one.signal.source == source), default=0.0)
-    return f", which is published every {1000.0 * published_s:g} ms" if published_s else ""
-
-
-def _gaps(lengths_ms: Sequence[float]) -> str:
-    least, most = min(lengths_ms), max(lengths_ms)
-    if len(lengths_ms) == 1:
-        return f"a gap of {least:.0f} ms"
-    return f"{len(lengths_ms)} gaps of {least:.0f} to {most:.0f} ms"

@@ -17,6 +17,7 @@ __all__ = [
     "distinct",
     "episodes_where",
     "longest_silence_s",
+    "merged",
     "sample_durations",
     "uncovered_spans",
     "with_holes",
@@ -193,13 +194,22 @@ def with_holes(gaps: Iterable[Span], holes: Iterable[Span], window: Span) -> lis
     ]
     if not inside:
         return list(gaps)
-    merged: list[Span] = []
-    for span in sorted([*gaps, *inside]):
-        if merged and span.start_s <= merged[-1].end_s:
-            merged[-1] = Span(merged[-1].start_s, max(merged[-1].end_s, span.end_s))
+    return merged([*gaps, *inside])
+
+
+def merged(spans: Iterable[Span], *, within_s: float = 0.0) -> list[Span]:
+    """Spans in time order, those that touch, or are so near to each other, as one.
+
+    >>> merged([Span(2.0, 3.0), Span(0.0, 1.0), Span(1.0, 1.5)])
+    [Span(start_s=0.0, end_s=1.5), Span(start_s=2.0, end_s=3.0)]
+    """
+    found: list[Span] = []
+    for span in sorted(spans):
+        if found and span.start_s <= found[-1].end_s + within_s:
+            found[-1] = Span(found[-1].start_s, max(found[-1].end_s, span.end_s))
         else:
-            merged.append(span)
-    return merged
+            found.append(span)
+    return found
 
 
 def within_spans(t: FloatArray, spans: Sequence[Span]) -> BoolArray:

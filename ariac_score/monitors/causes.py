@@ -1,0 +1,78 @@
+"""Why something is open, in words: the gaps of each source that make a difference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ariac_score.checks.open_findings import Cause
+from ariac_score.monitors.cells import TOLERANCE_S, Stream
+from ariac_score.trial.spans import FloatArray, Span, merged
+
+__all__ = ["causes_of_cells", "causes_of_spans"]
+
+MOST_SPANS = 1000
+"""Of a cause, stretches that are kept; its text counts them all."""
+
+
+def causes_of_cells(
+    opened: Sequence[Stream],
+    window: Span,
+    remarks: tuple[str, ...],
+    differing: Sequence[tuple[FloatArray, FloatArray]] = (),
+) -> tuple[Cause, ...]:
+    """Why something is open: for each source its open intervals in which the worlds differ, or all."""
+    sources: dict[str, list[FloatArray]] = {}
+    for stream in opened:
+        sources.setdefault(stream.signal.source or stream.signal.name, []).append(stream.edges(window))
+    found, late = [], _late(opened)
+    for source, several in sorted(sources.items()):
+        # Signals of one message have the same intervals.
+        starts, ends = np.unique(np.concatenate(several, axis=1), axis=1)
+        matters = np.zeros(len(starts), dtype=bool)
+        for begins, until in differing:
+            row = np.searchsorted(until, starts, side="right")
+            matters |= (row < len(begins)) & (np.append(begins, np.inf)[row] < ends)
+        if matters.any() or not any(len(begins) for begins, _ in differing):
+            kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
+            spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
+            lengths = 1000.0 * (ends - starts)[kept]
+            stored = spans if len(spans) <= MOST_SPANS else merged(spans, within_s=TOLERANCE_S)[:MOST_SPANS]
+            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}{_thinned(opened, source)}"
+            found.append(Cause(words, source, tuple(stored)))
+    return (*found, *(Cause(remark) for remark in remarks))
+
+
+def causes_of_spans(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, ...]:
+    """Why the same spans are open of all streams."""
+    sources = sorted({stream.signal.source or stream.signal.name for stream in opened})
+    lengths = [1000.0 * span.duration_s for span in spans]
+    source = sources[0] if len(sources) == 1 else ""
+    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans[:MOST_SPANS])),)
+
+
+def _late(opened: Sequence[Stream]) -> dict[str, str]:
+    """Of sources that nobody stamped, how late their messages came: bounds are as much wider."""
+    found: dict[str, float] = {}
+    for stream in opened:
+        source = stream.signal.source or stream.signal.name
+        found[source] = max(found.get(source, 0.0), stream.signal.stamp_jitter_s)
+    return {
+        source: f", stamped on arrival up to {1000.0 * late_s:.0f} ms late"
+        for source, late_s in found.items()
+        if late_s >= 0.0005
+    }
+
+
+def _thinned(opened: Sequence[Stream], source: str) -> str:
+    """That a source is recorded less often than it is published, in words; empty where it is not."""
+    published_s = max((one.published_s for one in opened if one.signal.source == source), default=0.0)
+    return f", which is published every {1000.0 * published_s:g} ms" if published_s else ""
+
+
+def _gaps(lengths_ms: Sequence[float]) -> str:
+    least, most = min(lengths_ms), max(lengths_ms)
+    if len(lengths_ms) == 1:
+        return f"a gap of {least:.0f} ms"
+    return f"{len(lengths_ms)} gaps of {least:.0f} to {most:.0f} ms"

@@ -1,0 +1,147 @@
+"""Streams of samples, the intervals of them that are open, and the cells that these are cut into."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
+
+__all__ = ["INSTANT_S", "TOLERANCE_S", "Cells", "Stream", "cells_of"]
+
+TOLERANCE_S = 1e-9
+INSTANT_S = 1e-9
+"""A sample stands for itself alone where the time after it is bounded."""
+
+CELL_M = 0.005
+"""A cell is so short that nothing moves further in it, within the least and the most number of them."""
+LEAST_CELLS, MOST_CELLS = 2, 1024
+
+
+# Streams and their open intervals --------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Samples that were recorded together, and which intervals between them are open.
+
+    Interval k is the one after sample k - 1: the first is before all samples, the last after them.
+
+    Attributes:
+        signal: One of the recorded signals.
+        open: Which intervals are open, shape (n + 1,).
+        published_s: How far apart its samples would be as an organiser states it, s, where they are much
+            further apart in this recording; 0 otherwise.
+    """
+
+    signal: Signal
+    open: BoolArray
+    published_s: float = 0.0
+
+    @property
+    def t(self) -> FloatArray:
+        """The sample times, shape (n,), s."""
+        return self.signal.t
+
+    @classmethod
+    def of(cls, signal: Signal, window: Span, max_gap_s: float, assumed: BetweenSamples) -> Stream:
+        """The stream of a recorded signal.
+
+        Args:
+            signal: As recorded.
+            window: The competition.
+            max_gap_s: Longest stretch without a sample that a monitor accepts, s.
+            assumed: Whether every interval is open.
+        """
+        t = signal.t
+        if signal.constant:
+            return cls(signal, np.zeros(len(t) + 1, dtype=bool))
+        edges = np.concatenate(([-np.inf], t, [np.inf]))
+        start = np.maximum(edges[:-1], window.start_s)
+        lasts = np.minimum(edges[1:], window.end_s) - start
+        inside = (t >= window.start_s) & (t <= window.end_s)
+        steps = np.diff(t[inside])
+        usual = float(np.median(steps)) if len(steps) else math.inf
+        stated = assumed.usual_s.get(signal.source, math.inf)
+        thinned, usual = usual > USUAL_INTERVALS * stated, min(usual, stated)
+        longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
+        whole = np.diff(edges)  # an interval that the window cuts is as long as it is
+        whole[[0, -1]] = lasts[[0, -1]]
+        missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
+        missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
+        unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
+        return cls(signal, unseen, stated if thinned else 0.0)
+
+    def edges(self, window: Span) -> FloatArray:
+        """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""
+        edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
+        return np.stack([edges[:-1][self.open], edges[1:][self.open]])
+
+    def spans(self, window: Span) -> list[Span]:
+        """The open intervals, as far as they lie in a window."""
+        return [Span(float(start), float(end)) for start, end in self.edges(window).T]
+
+
+# Cells -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The time of a competition, cut so that in each cell every stream is measured or open.
+
+    Attributes:
+        t: When each begins, shape (n,), s.
+        end: When each ends, shape (n,), s; the last one has no length.
+    """
+
+    t: FloatArray
+    end: FloatArray
+
+
+def cells_of(
+    window: Span, measured: Sequence[FloatArray], streams: Sequence[Stream], rate_m_s: float
+) -> Cells:
+    """The cells between samples.
+
+    Args:
+        window: The competition.
+        measured: Times of samples, each shape (k,), s.
+        streams: Their open intervals are cut finely.
+        rate_m_s: How fast anything changes, m/s: the faster, the finer.
+    """
+    found = [np.array([window.start_s, window.end_s]), *measured]
+    for stream in streams:
+        starts, ends = stream.edges(window)
+        steps_s = _steps_s(ends - starts, rate_m_s)
+        for step_s in distinct(steps_s):  # all intervals that are cut alike at once
+            own = steps_s == step_s
+            found.append(_multiples(step_s, starts[own], ends[own]))
+        found += [np.minimum(starts + INSTANT_S, ends), ends]
+        found.append(stream.t[stream.open[1:] | stream.open[:-1]])
+    t = distinct(np.concatenate(found))
+    t = t[(t >= window.start_s) & (t <= window.end_s)]
+    return Cells(t, np.append(t[1:], t[-1:]))
+
+
+def _steps_s(lasts_s: FloatArray, rate_m_s: float) -> FloatArray:
+    """How long the cells of open intervals are: powers of two, and the longer, the longer an interval is.
+
+    So the cells of an interval are those of the shorter ones within it, or several of them joined, and who
+    leaves out a sample in between never makes a bound narrower by cutting elsewhere.
+    """
+    shortest = np.maximum(lasts_s, TOLERANCE_S) / MOST_CELLS
+    wanted = np.maximum(np.minimum(CELL_M / max(rate_m_s, TOLERANCE_S), lasts_s / LEAST_CELLS), shortest)
+    return np.asarray(np.exp2(np.round(np.log2(wanted))), dtype=np.float64)
+
+
+def _multiples(step_s: float, starts: FloatArray, ends: FloatArray) -> FloatArray:
+    """All multiples of a step in some intervals."""
+    first = np.ceil(starts / step_s)
+    count = np.maximum(np.floor(ends / step_s) - first + 1, 0).astype(np.intp)
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray((np.repeat(first, count) + within) * step_s, dtype=np.float64)
