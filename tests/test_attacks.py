@@ -21,6 +21,10 @@ import yaml
 
 from ariac_score import Trial
 from ariac_score.cli import main
+from ariac_score.redteam.attempt import Aim
+from ariac_score.redteam.honest import honest_log
+from ariac_score.redteam.search import search
+from ariac_score.redteam.tactics import TACTICS
 from ariac_score.results.signing import make_keys
 from ariac_score.testing import Recorded, write_bag
 from ariac_score.testing.copies import Copy, changed, fields_of
@@ -602,6 +606,32 @@ def digest(message: Any) -> str:
 
 def of_recorder(name: str, kind: str, t_s: float, fields: dict[str, Any]) -> Recorded:
     return Recorded(f"/ariac_score/{name}", f"ariac_score_msgs/msg/{kind}", ns(t_s) - 1, fields)
+
+
+def desk_with_key(folder: Path, capsys: pytest.CaptureFixture[str]) -> Desk:
+    minisign = pytest.importorskip("minisign")
+    secret, public = make_keys(folder / "organiser.key")
+    key = minisign.SecretKey.from_bytes(secret.read_bytes())
+    return Desk(
+        folder,
+        lambda body: bytes(key.sign(body.encode(), prehash=False, trusted_comment="t")).decode(),
+        public.read_text(encoding="utf-8").splitlines()[1],
+        capsys,
+    )
+
+
+@pytest.mark.parametrize("log", [collided, emptied], ids=lambda log: log.__name__)
+def test_the_adversary_gains_nothing_from_an_attested_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], log: Callable[[Path], Copy]
+) -> None:
+    desk = desk_with_key(tmp_path, capsys)
+    path = desk.attested(log(tmp_path)).write(tmp_path / "log")
+    lies = [tactic.name for tactic in TACTICS if tactic.aim is Aim.LIE]
+
+    found = search(honest_log(path, desk._rules(ATTESTED)), budget=40, tactics=lies)
+
+    assert [(one.says, one.before, one.after) for one in found.exploits] == []
+    assert sum(tally.refused for tally in found.tallies) > 20
 
 
 def test_no_attack_brings_more_than_honesty(

@@ -100,6 +100,12 @@ class Honest:
         return tuple(topic for topic in self.copy.topics if topic in named - set(self.motion))
 
     @cached_property
+    def has_rates(self) -> bool:
+        """Whether thinned samples show: the log map states each rate, or the rules bound every interval."""
+        stated = {channel.topic for channel in self.prepared.log_map.channels if channel.rate_hz}
+        return set(self.motion) <= stated or self.rule_set.between_samples == "bounded"
+
+    @cached_property
     def moving(self) -> Motion:
         """The messages about motion, by series."""
         return Motion(self.copy, self.motion, self.t_s)

@@ -78,7 +78,8 @@ def _names(value: Any) -> Iterator[str]:
             yield from _names(one)
     elif dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            yield from _names(getattr(value, field.name, None))
+            if not field.name.startswith("_"):  # the name of its type
+                yield from _names(getattr(value, field.name, None))
 
 
 def later(message: Message, by_ns: int) -> Message:

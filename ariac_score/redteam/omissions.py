@@ -116,7 +116,7 @@ def thinned(honest: Honest, seed: int) -> Iterator[Attempt]:
     """Every so many samples of each series are kept, of one series or all, in every phase."""
     rng = Random(f"thinned:{seed}")  # noqa: S311  # no secrets are made of it
     series = honest.moving.series if honest.motion else {}
-    chosen = {" ".join(dict.fromkeys(key)).strip(): [one.messages] for key, one in series.items()}
+    chosen = {" ".join((key[0], *dict.fromkeys(key[2:]))): [one.messages] for key, one in series.items()}
     if len(chosen) > 1:
         chosen["all series"] = [one.messages for one in series.values()]
     for factor in _FACTORS:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import Literal, get_args
 
 from ariac_score.errors import PluginError, ScoreError, UsageError, did_you_mean
 from ariac_score.logs.containers.items import Message
@@ -16,9 +17,13 @@ from ariac_score.redteam.attempt import Aim, Attempt, Tactic
 from ariac_score.redteam.honest import Harm, Honest, harm_of
 from ariac_score.redteam.tactics import TACTICS
 from ariac_score.results.result import Result
+from ariac_score.review.task_and_safety import task_points
 from ariac_score.testing.copies import Copy
 
-__all__ = ["DEFAULT_BUDGET", "Exploit", "Found", "Tally", "search"]
+Standing = Literal["exploit", "declared", "inherent", "believed"]
+"""Whether a try that worked is the rules' fault: not known of, known of, unavoidable, or nothing shows it."""
+
+__all__ = ["DEFAULT_BUDGET", "Exploit", "Found", "Standing", "Tally", "search"]
 
 DEFAULT_BUDGET = 150
 _SMALLER = 12
@@ -39,8 +44,8 @@ class Exploit:
         after: The same of what is handed in.
         touched: How many messages were left out, changed or put in.
         law: The law of penalties that it breaks; empty where it is about the log.
-        declared: Where the rules say so themselves; empty where not.
-        is_believed: Whether nothing but a recorder's manifest could show it, and the rules ask for none.
+        standing: Whether the rules declare it, cannot avoid it, or believe what no log can show.
+        because: Why it is one of these; empty for an `exploit`.
         logs: What is handed in.
     """
 
@@ -50,8 +55,8 @@ class Exploit:
     after: Decimal
     touched: int
     law: str
-    declared: str
-    is_believed: bool
+    standing: Standing
+    because: str
     logs: tuple[Copy, ...]
 
     @property
@@ -87,8 +92,7 @@ class Found:
 
     Attributes:
         honest: The honest log.
-        exploits: One for each tactic that worked: first those that the rules do not declare, then those
-            that they do, last those that they believe; the cheapest first.
+        exploits: One for each tactic that worked, in the order of `Standing`, the cheapest first.
         tallies: What was tried, by tactic.
         budget: How often it was allowed to try.
         seed: Of what was tried by chance.
@@ -107,8 +111,12 @@ class Found:
 
     @property
     def undeclared(self) -> tuple[Exploit, ...]:
-        """The exploits that the rules do not own up to, and that a log shows, or would not have to show."""
-        return tuple(one for one in self.exploits if not one.declared and not one.is_believed)
+        """Those that the rules could avoid, and do not declare."""
+        return self.of("exploit")
+
+    def of(self, standing: Standing) -> tuple[Exploit, ...]:
+        """Those of one standing."""
+        return tuple(one for one in self.exploits if one.standing == standing)
 
 
 def search(
@@ -143,6 +151,15 @@ def search(
     return _Search(honest, budget, seed, progress).over(chosen)
 
 
+@dataclass(frozen=True)
+class _HandedIn:
+    """What is handed in: what counts, how much is violated, and of one run its result."""
+
+    score: Decimal | None
+    harm: Harm
+    result: Result | None = None
+
+
 class _Search:
     """One search: what is left of its budget, and what it found."""
 
@@ -158,15 +175,22 @@ class _Search:
         left = {tactic: tactic.attempts(self._honest, self._seed) for tactic in tactics}
         self._tallies = {tactic.name: Counter() for tactic in tactics}
         found: list[Exploit] = []
+        inherent: dict[Tactic, Exploit] = {}
         while left:
             for tactic in tuple(left):
                 attempt = next(left[tactic], None) if self._done < self._budget else None
                 if attempt is None:
                     del left[tactic]
                 elif exploit := self._tried(tactic, attempt):
+                    if exploit.standing == "inherent":
+                        inherent.setdefault(tactic, exploit)  # there may be one that is none
+                        continue
                     found.append(self._cheaper(exploit, attempt))
                     del left[tactic]  # the cheapest of a kind is enough; the budget is for other kinds
-        found.sort(key=lambda one: (one.is_believed, bool(one.declared), one.touched))
+        known = {exploit.tactic for exploit in found}
+        found += (exploit for tactic, exploit in inherent.items() if tactic not in known)
+        order = get_args(Standing)
+        found.sort(key=lambda one: (order.index(one.standing), one.touched))
         tallies = tuple(Tally(name, **counts) for name, counts in self._tallies.items())
         return Found(self._honest, tuple(found), tallies, self._budget, self._seed)
 
@@ -192,43 +216,43 @@ class _Search:
         tally["tried"] += 1
         logs = attempt.logs()
         try:
-            before, after, harm = self._scores(logs, tactic.aim)
+            before, handed_in = self._scores(logs, tactic.aim)
         except PluginError:
             raise  # what a log can do to a plugin is a fault, and no refusal
         except ScoreError:
             tally["refused"] += 1
             return None
-        if not self._works(tactic.aim, before, after, harm):
+        after = handed_in.score
+        if after is None or not self._works(tactic.aim, before, after, handed_in.harm):
             worse = after is None or self._gain(before, after) < 0
             tally["worse" if worse else "same"] += 1
             return None
-        assert after is not None
         tally["worked"] += 1
         law = self._law(tactic, is_free=before == after)
-        declared, believed = self._declared(tactic, law), self._is_believed(tactic)
+        standing, because = self._standing(tactic, law, handed_in)
         touched = self._touched(logs)
-        return Exploit(tactic, attempt.says, before, after, touched, law, declared, believed, logs)
+        return Exploit(tactic, attempt.says, before, after, touched, law, standing, because, logs)
 
-    def _scores(self, logs: tuple[Copy, ...], aim: Aim) -> tuple[Decimal, Decimal | None, Harm]:
-        """What honesty counts, what is handed in counts, and how much is violated in the latter.
+    def _scores(self, logs: tuple[Copy, ...], aim: Aim) -> tuple[Decimal, _HandedIn]:
+        """What honesty counts, and what is handed in.
 
         Raises:
             ScoreError: A log is refused.
         """
         honest = self._honest
-        monitors = honest.rule_set.monitors
         if len(logs) == 1:
             result = honest.score(logs[0])
             # What is open is no harm that was measured.
             is_known = honest.result.is_open or not result.is_open
-            return honest.counts, result.score, harm_of(result, monitors) if is_known else {}
+            harm = harm_of(result, honest.rule_set.monitors) if is_known else {}
+            return honest.counts, _HandedIn(result.score, harm, result)
         # As many runs as the rules count belong to an honest team; the tries are about one more.
         alone = [honest.result] * (self._spec.keep if self._spec.fill else 1)
         more = [honest.result if log is honest.copy else honest.score(log) for log in logs[1:]]
         before = self._ranked(alone)
         if aim is not Aim.AGAIN:  # a better run may well bring more, but no more than it does by itself
             before = max(before, self._ranked(more), key=self._worth)
-        return before, self._ranked([*alone, *more]), {}
+        return before, _HandedIn(self._ranked([*alone, *more]), {})
 
     def _ranked(self, results: Sequence[Result]) -> Decimal:
         """What a team has in the trial with these runs, as `rank` has it."""
@@ -256,9 +280,7 @@ class _Search:
         """How many points better it is."""
         return self._worth(after) - self._worth(before)
 
-    def _works(self, aim: Aim, before: Decimal, after: Decimal | None, harm: Harm) -> bool:
-        if after is None:
-            return False
+    def _works(self, aim: Aim, before: Decimal, after: Decimal, harm: Harm) -> bool:
         gain = self._gain(before, after)
         if aim is Aim.AGAIN:
             return gain != 0
@@ -278,15 +300,34 @@ class _Search:
     def _law(self, tactic: Tactic, *, is_free: bool) -> str:
         return "always_costs" if is_free and tactic.law == "more_violations" else tactic.law
 
-    def _declared(self, tactic: Tactic, law: str) -> str:
-        """Where the rules say themselves that this works; empty where they do not."""
-        rule_set = self._honest.rule_set
+    def _standing(self, tactic: Tactic, law: str, handed_in: _HandedIn) -> tuple[Standing, str]:
+        """Whether the rules declare that this works, cannot avoid it, or believe what no log can show."""
+        honest, rule_set = self._honest, self._honest.rule_set
         if tactic.name == "recording cut" and rule_set.authority.window == "recording":
-            return "window: recording, so that what was recorded is the competition"
-        return f"breaks {law}: {rule_set.breaks[law]}" if law in rule_set.breaks else ""
+            return "declared", "window: recording, so that what was recorded is the competition"
+        if law in rule_set.breaks:
+            return "declared", f"breaks {law}: {rule_set.breaks[law]}"
+        if law == "stopping_early" and self._costs_more_than_it_brings(handed_in):
+            return "inherent", "what comes after violates more for each point than what comes before"
+        if rule_set.authority.completeness == "attested":
+            return "exploit", ""
+        if tactic.needs_proof:
+            return "believed", "a recorder's manifest would show it, and the rules ask for none"
+        if tactic.name == "samples thinned" and not honest.has_rates:
+            return "believed", "'rate_hz' in the log map would show it, or a recorder's manifest"
+        return "exploit", ""
 
-    def _is_believed(self, tactic: Tactic) -> bool:
-        return tactic.needs_proof and self._honest.rule_set.authority.completeness != "attested"
+    def _points(self, result: Result) -> Decimal:
+        """What the work was worth, had nothing been violated."""
+        return task_points(result.measured, self._honest.rule_set, result.cohort) or Decimal(0)
+
+    def _costs_more_than_it_brings(self, handed_in: _HandedIn) -> bool:
+        """Whether a smaller share of something violated is left than of the points for the task."""
+        assert handed_in.result is not None  # one run
+        whole, part = self._points(self._honest.result), self._points(handed_in.result)
+        points = part / whole if whole > 0 else Decimal(1)
+        shares = [handed_in.harm.get(name, 0.0) / much for name, much in self._harm.items() if much > 0]
+        return any(share < float(points) * (1 - _SAME) for share in shares)
 
 
 def _identity(message: Message) -> tuple[str, str, int, bytes]:

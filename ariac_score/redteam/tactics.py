@@ -43,7 +43,7 @@ TACTICS = (
     Tactic("frames re-parented", Aim.LIE, reparented),
     Tactic("publishers added", Aim.LIE, republished),
     Tactic("samples put in", Aim.LIE, put_in, needs_proof=True),
-    Tactic("motion shifted", Aim.LIE, shifted),
+    Tactic("motion shifted", Aim.LIE, shifted, needs_proof=True),
     Tactic("motion with jumps", Aim.LIE, jumped),
     Tactic("motion replayed", Aim.LIE, replayed),
     Tactic("motion rewritten", Aim.LIE, rewritten, needs_proof=True),

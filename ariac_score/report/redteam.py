@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from ariac_score.redteam.attempt import Aim
-from ariac_score.redteam.search import Exploit, Found
+from ariac_score.redteam.search import Exploit, Found, Standing
 from ariac_score.terminal.style import plain
 
 __all__ = ["redteam_text"]
 
+_OTHERS: Mapping[Standing, str] = {
+    "declared": "that they declare",
+    "inherent": "that no rules can avoid: nobody can make a team go on where that costs more than it brings",
+    "believed": "of what they believe: a log that no recorder attests can say anything",
+}
 _COLUMNS = ("tried", "refused", "worse", "same", "worked")
 
 
@@ -25,8 +30,7 @@ def redteam_text(found: Found) -> str:
 
 
 def _story(exploit: Exploit, messages: int) -> Iterator[str]:
-    word = "BELIEVED" if exploit.is_believed else "DECLARED" if exploit.declared else "EXPLOIT"
-    yield f"{word}: {exploit.says}"
+    yield f"{exploit.standing.upper()}: {exploit.says}"
     if exploit.is_free:
         yield f"    {exploit.before} stays: more was violated, and it costs nothing"
     else:
@@ -34,10 +38,8 @@ def _story(exploit: Exploit, messages: int) -> Iterator[str]:
         yield f"    {exploit.before} becomes {exploit.after} ({whose})"
     if exploit.touched and exploit.tactic.aim is not Aim.AGAIN:
         yield f"    {_count(exploit.touched, messages)} left out, changed or put in"
-    if exploit.is_believed:
-        yield "    a recorder's manifest would show it, and the rules ask for none (completeness: attested)"
-    elif exploit.declared:
-        yield f"    the rules say so: {exploit.declared}"
+    if exploit.because:
+        yield f"    {exploit.because}"
     elif exploit.law:
         yield f"    against the law {exploit.law!r}, and the rules do not say that they break it"
     else:
@@ -49,17 +51,15 @@ def _count(touched: int, messages: int) -> str:
 
 
 def _verdict(found: Found) -> Iterator[str]:
-    tried = f"{found.tried} tries (budget {found.budget}, seed {found.seed})"
+    tries = f"{found.tried} {'try' if found.tried == 1 else 'tries'}"
+    tried = f"{tries} (budget {found.budget}, seed {found.seed})"
     if found.undeclared:
         yield f"{_exploits(len(found.undeclared))} that the rules do not declare, in {tried}"
     else:
         yield f"nothing found that the rules do not declare, in {tried}"
-    believed = sum(exploit.is_believed for exploit in found.exploits)
-    declared = len(found.exploits) - len(found.undeclared) - believed
-    if declared:
-        yield f"{_exploits(declared)} that they declare"
-    if believed:
-        yield f"{_exploits(believed)} of what they believe: a log that no recorder attests can say anything"
+    for standing, words in _OTHERS.items():
+        if number := len(found.of(standing)):
+            yield f"{_exploits(number)} {words}"
 
 
 def _exploits(number: int) -> str:

@@ -15,10 +15,12 @@ import pytest
 from ariac_score import load_rule_set, score_trial
 from ariac_score.cli import main
 from ariac_score.errors import UsageError
+from ariac_score.logs.containers.items import Message
 from ariac_score.redteam.honest import Honest, honest_log
 from ariac_score.redteam.search import Found, search
 from ariac_score.redteam.tactics import TACTICS
 from ariac_score.testing import Recorded, write_bag
+from ariac_score.testing.copies import Copy, changed, fields_of
 
 ORIGIN_S = 1_700_000_000
 RATE_HZ = 20
@@ -77,7 +79,7 @@ EVENTS = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log with two near misses, the same with an arm collision, and a log map."""
+    """A log with two near misses, the same with an arm collision or without any event, and a log map."""
     place = tmp_path_factory.mktemp("redteam")
     (place / "map.yaml").write_text(LOG_MAP, encoding="utf-8")
     samples = []
@@ -89,7 +91,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "human_operator_speed": 0.5,
         }
         samples.append(Recorded("/snapshot", "nist_gear/msg/Snapshot", ns(t_s), fields))
-    for name, events in (("near", EVENTS), ("crash", (*EVENTS, happened(20.0, "arm_collision")))):
+    for name, events in (
+        ("bare", ()),
+        ("near", EVENTS),
+        ("crash", (*EVENTS, happened(20.0, "arm_collision"))),
+    ):
         messages = sorted((*samples, *events), key=lambda m: m.t_ns)
         write_bag(place / f"{name}.mcap", messages, storage="mcap")
     return place
@@ -116,7 +122,6 @@ RUNS = "terms: {trial: {d: 'charged(separation=0.4, again_after_s=5)'}}\nscore: 
 """The demerits of all runs, summed."""
 
 CRASH = "score: 100 * holds(collision)\n"
-PIECES = "score: 100 * product(separation, p=0.5)\n"
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,6 @@ class Known:
 FORMER = {
     "merging two near misses": Known("violations joined", EPISODES, "more_violations"),
     "blind to depth": Known("violations deepened", CHARGED, "severity"),
-    "stopping early": Known("stopping early", PIECES, "stopping_early"),
     "only the first violation counts": Known(
         "violations added", "score: 10 + 100 * holds(separation)\n", "always_costs"
     ),
@@ -150,7 +154,7 @@ FORMER = {
     ),
     "all events left out": Known("topics left out", f"open: best\n{CRASH}", "", "crash.mcap"),
     "one collision left out": Known("messages left out", CRASH, "", "crash.mcap"),
-    "the recording begun late": Known("recording cut", f"window: recording\n{CHARGED}"),
+    "the recording begun late": Known("recording cut", f"window: recording\n{CHARGED}", "", "bare.mcap"),
 }
 
 
@@ -163,6 +167,52 @@ def test_what_was_found_by_hand_is_found_again(folder: Path, known: Known) -> No
     assert after >= before
     assert law == known.law
     assert found.tried <= known.budget
+
+
+PIECES = """\
+extends: paper2020
+id: pieces
+title: Half of the points for each near miss
+source: this test
+score: task * product(separation, p=0.5)
+"""
+
+
+def four_near_misses(message: Message) -> Message:
+    """One before the first kit, at 12 s, and three before the second, worth three times as much, at 31 s."""
+    if message.connection.topic != "/snapshot":
+        return message
+    fields, t_s = fields_of(message), (message.stamp_ns - ORIGIN_S * 10**9) / 1e9
+    outside_s = min(max(first_s - t_s, t_s - last_s, 0.0) for first_s, last_s in NEAR_MISSES_S)
+    near = (1 + cos(pi * min(outside_s / 1.5, 1.0))) / 2
+    fields.distance_robot_human_operator = FAR_M - (FAR_M - NEAR_M) * near + 0.01 * sin(7 * t_s)
+    return changed(message, fields)
+
+
+NEAR_MISSES_S = ((4.0, 7.0), (15.0, 16.0), (20.5, 21.5), (26.0, 27.0))
+
+
+@pytest.mark.slow
+def test_stopping_early_is_found_again_where_going_on_is_no_worse(tmp_path: Path) -> None:
+    """7 points halved once are 3.5; all 28, halved four times, 1.75; both at no lesser rate."""
+    example = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
+    log = Copy.of(example).with_changed(four_near_misses).write(tmp_path / "four")
+    rules = tmp_path / "pieces.yaml"
+    rules.write_text(PIECES, encoding="utf-8")
+
+    found = search(honest_log(log, str(rules)), budget=12, tactics=["stopping early"])
+
+    (one,) = found.exploits
+    assert (one.before, one.after, one.standing) == (Decimal("1.75"), Decimal("3.5"), "exploit")
+
+
+@pytest.mark.slow
+def test_no_rules_can_make_a_team_go_on_where_it_costs_more_than_it_brings(folder: Path) -> None:
+    found = search(honest(folder, CHARGED), budget=3, tactics=["stopping early"])
+
+    (one,) = found.exploits
+    assert (one.standing, one.after > one.before) == ("inherent", True)
+    assert found.undeclared == ()
 
 
 @pytest.mark.slow
@@ -210,7 +260,7 @@ def test_the_score_of_a_doctored_log_is_that_of_the_command(folder: Path, tmp_pa
     written = one.logs[0].write(tmp_path / "crash")
 
     assert (one.before, one.after, one.touched) == (0, 100, 1)
-    assert one.is_believed
+    assert one.standing == "believed"
     assert score_trial(written, str(folder / "rules.yaml")).score == one.after
 
 
@@ -250,8 +300,8 @@ def test_what_the_rules_declare_is_told_and_fails_nothing(
 
     said = capsys.readouterr().out
     assert "DECLARED: stay as near" in said
-    assert "the rules say so: breaks more_violations: two that are joined are one" in said
-    assert "nothing found that the rules do not declare, in 1 tries (budget 1, seed 0)" in said
+    assert "    breaks more_violations: two that are joined are one" in said
+    assert "nothing found that the rules do not declare, in 1 try (budget 1, seed 0)" in said
 
 
 def test_what_cannot_be_tried_is_refused_with_a_remedy(
