@@ -32,6 +32,7 @@ ELSEWHERE = {
     "docs/ci.md": "tests/test_docs_of_outputs.py",
     "docs/outputs.md": "tests/test_docs_of_outputs.py",
     "docs/stewards.md": "tests/test_docs_of_outputs.py",
+    "docs/protests.md": "tests/test_protests.py",
     "docs/write-a-monitor.md": "tests/testing/test_tutorial.py",
     "docs/write-a-competition.md": "tests/test_docs.py, from Python",
     "docs/recording.md": "tests/testing/test_online_page.py",

@@ -21,7 +21,13 @@ def register(commands: Any) -> None:
         description="Sign stored results in the format of minisign: writes RESULT.minisig for each. "
         "'verify --signature' checks it, and so does 'minisign -V'. Needs the extra 'sign'.",
     )
-    parser.add_argument("results", nargs="*", type=Path, metavar="RESULT", help="JSON that 'score' wrote")
+    parser.add_argument(
+        "results",
+        nargs="*",
+        type=Path,
+        metavar="RESULT",
+        help="JSON that 'score', 'adjust' or 'rank' wrote, or adjustments.yaml",
+    )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
     )

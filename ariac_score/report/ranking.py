@@ -85,7 +85,7 @@ def _stewarded(ranking: Ranking, style: Style) -> Iterator[str]:
         yield f"  {plain(team)}, {plain(trial)}, run {number}: {' -> '.join(change)}"
         for decision in adjusted.adjustments:
             yield f"    {decision.id}: {plain(decision.effect)}"
-            yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+            yield f"      {plain(decision.author)}, {decision.time}: {plain(decision.words)}"
     yield style(f"adjustments: sha256 {ranking.stewarded.sha256[:16]}…", "dim")
     yield ""
     yield style("Automatic", "bold")

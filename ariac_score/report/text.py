@@ -112,7 +112,7 @@ def _adjusted(result: Result, style: Style) -> Iterator[str]:
     for number, decision in enumerate(result.adjusted.adjustments):
         amount = amount_text(moved[number].amount, sign=True) if moved else "-"
         yield _dotted(f"{decision.id}: {plain(decision.effect)}", amount)
-        yield f"    {plain(decision.author)}, {decision.time}: {plain(decision.reason)}"
+        yield f"    {plain(decision.author)}, {decision.time}: {plain(decision.words)}"
     yield style(f"adjustments: sha256 {result.adjusted.sha256[:16]}…; below, the automatic result", "dim")
 
 

@@ -124,9 +124,17 @@ def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> 
         points=_amount(effect.get("points")),
         score=_amount(effect.get("score")),
         disqualified=effect.get("disqualified", False),
+        complaint=entry.get("complaint", ""),
+        dismissed=effect.get("dismissed", False),
         file=document.file,
         place=document.place(["adjustments", number]),
     )
+    if decision.dismissed:
+        if not decision.complaint:
+            raise decision.refuse(
+                "no complaint is dismissed", "say with 'complaint:' who protested, and against what"
+            )
+        return decision
     if decision.finding and not decision.verdict:
         raise decision.refuse(
             f"a finding has a verdict and no {next(iter(effect))}",
@@ -244,12 +252,13 @@ def adjustments_template(result: Result, *, measured: str) -> str:
         "  - id: decision_1",
         '    author: ""                        # who decides',
         '    reason: ""                        # why, for everyone to read',
+        '    # complaint: ""                   # who protested, and against what, where somebody did',
         '    time: ""                          # when it was decided, such as 2024-05-12T14:30:00Z',
         "    target:",
         f"      {{{team}trial: {_quoted(result.measured.trial)},",
         f"       measured: {_quoted(measured)}}}",
         "      # in a ranking also the number of the 'run:'; 'finding:' where one finding is meant",
-        "    effect: {points: -1}    # or score: 20, disqualified: true; of a finding: verdict: satisfied",
+        "    effect: {points: -1}    # or score: 20, disqualified: true, dismissed: true; verdict: satisfied",
         "",
         "# Findings that could be decided (verdict: satisfied, violated, not_applicable):",
     ]

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.errors import ResultError, ScoreError, UsageError
+from ariac_score.results.adjustments import load_adjustments
 from ariac_score.results.result_file import load_result
 
 __all__ = [
@@ -104,7 +105,8 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     """The signature of a result; the same result, key and comment give the same bytes.
 
     Args:
-        result: As `score -o FILE.json` wrote it. It is checked to be whole first.
+        result: As `score -o FILE.json` wrote it, checked to be whole first; or the ranking, or the stewards'
+            file of decisions.
         key: The secret key.
         comment: The signer's comment; by default the name of the file. It is signed too.
         password: Called for the password of an encrypted key.
@@ -114,7 +116,7 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
         UsageError: The key cannot be used, or others may read it.
     """
     library = _library()
-    load_result(result)
+    _refuse_damaged(result)
     words = comment or f"file:{result.name}"
     if not words.isascii() or not words.isprintable() or len(words) > _MOST_COMMENT_CHARS:
         if comment:
@@ -133,6 +135,26 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     finally:
         secret.wipe()
     return bytes(signature) + b"\n"
+
+
+def _refuse_damaged(file: Path) -> None:
+    """Refuse to vouch for what is not whole.
+
+    Raises:
+        ScoreError: It is not.
+    """
+    if file.suffix in (".yaml", ".yml"):
+        load_adjustments(file)
+    elif not _states_ranking(file):
+        load_result(file)
+
+
+def _states_ranking(file: Path) -> bool:
+    try:
+        with file.open("rb") as stream:
+            return stream.read(64).replace(b" ", b"").startswith(b'{\n"schema":"ariac-score/ranking/')
+    except OSError:
+        return False  # which `load_result` says better
 
 
 def _secret_key(library: Any, key: Path) -> Any:

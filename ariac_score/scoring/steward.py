@@ -53,6 +53,8 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
         points: Points added, or taken when negative.
         score: The score instead of any other.
         disqualified: Whether the run is worth 0 and counts as disqualified.
+        complaint: Who protested, and against what; empty where the stewards decided by themselves.
+        dismissed: Whether that complaint is turned down, so that nothing moves.
     """
 
     id: str
@@ -68,6 +70,8 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
     points: Decimal | None = None
     score: Decimal | None = None
     disqualified: bool = False
+    complaint: str = ""
+    dismissed: bool = False
 
     file: ClassVar[str] = "the result"
     place: ClassVar[str] = ""
@@ -75,11 +79,18 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
     @property
     def effect(self) -> str:
         """What it does, in words."""
+        if self.dismissed:
+            return "the complaint is dismissed"
         if self.verdict:
             return f"{self.finding} counts as {self.verdict.replace('_', ' ')}"
         if self.points is not None:
             return f"{_plain(self.points, sign='+')} points"
         return "disqualified" if self.score is None else f"the score is {_plain(self.score)}"
+
+    @property
+    def words(self) -> str:
+        """Why, after the complaint that it answers."""
+        return f"complaint: {self.complaint}; ruling: {self.reason}" if self.complaint else self.reason
 
     @property
     def settles(self) -> bool:
@@ -154,6 +165,8 @@ def check_effects(
     """
     seen: dict[str, Adjustment] = {}
     for adjustment in adjustments:
+        if adjustment.dismissed:
+            continue
         _check_amount(adjustment, digits)
         if adjustment.finding:
             _check_verdict(adjustment, findings, priced)
@@ -200,7 +213,7 @@ def _check_amount(adjustment: Adjustment, digits: int) -> None:
 
 def with_verdicts(findings: Mapping[str, Finding], adjustments: Sequence[Adjustment]) -> dict[str, Finding]:
     """The findings with the verdicts that stewards decided."""
-    decided = {a.finding: Verdict(a.verdict) for a in adjustments if a.finding}
+    decided = {a.finding: Verdict(a.verdict) for a in adjustments if a.verdict}
     return {
         key: replace(finding, verdict=decided[key]) if key in decided else finding
         for key, finding in findings.items()
@@ -232,7 +245,7 @@ def adjusted_ledger(
             value for a verdict.
     """
     # Verdicts first, since they are priced anew; what settles the score last, since nothing can follow.
-    ordered = sorted(adjustments, key=lambda a: 0 if a.finding else 2 if a.settles else 1)
+    ordered = sorted(adjustments, key=lambda a: 0 if a.verdict else 2 if a.settles else 1)
     running, lines = automatic, []
     if automatic is not None:
         lines.append(Line("score/automatic", "automatic score", "amount", automatic, float(automatic)))
@@ -258,6 +271,8 @@ def _after(
     digits: int,
 ) -> Decimal | None:
     unit = Decimal(1).scaleb(-digits)  # decisions are written `-1`, amounts of a ledger `-1.000000`
+    if adjustment.dismissed:
+        return running
     if adjustment.settles:
         return (adjustment.score or Decimal(0)).quantize(unit)
     if adjustment.points is not None:

@@ -19,7 +19,7 @@ from ariac_score.documents.schema import schema_errors
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.report.text import explain_text, score_text
 from ariac_score.results.adjustments import adjust, adjustments_template, load_adjustments
-from ariac_score.results.result_file import measured_sha256
+from ariac_score.results.result_file import check_follows, measured_sha256
 from ariac_score.scoring.ledger import reconcile
 from ariac_score.scoring.policy import ideal
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
@@ -106,6 +106,23 @@ def test_a_decision_about_the_trial_moves_its_score(
     effect: dict[str, Any], score: Decimal, tmp_path: Path
 ) -> None:
     assert adjusted(tmp_path, decision(effect=effect)).final == score
+
+
+@pytest.mark.parametrize("finding", ["", "separation#1"])
+def test_a_complaint_that_is_dismissed_is_on_record_and_moves_nothing(finding: str, tmp_path: Path) -> None:
+    turned_down = decision("p", effect={"dismissed": True}, finding=finding) | {
+        "complaint": "Team X: too slow"
+    }
+
+    alone = adjusted(tmp_path, turned_down)
+    assert (alone.final, alone.adjusted and alone.adjusted.score) == (SCORE, SCORE)
+    assert "complaint: Team X: too slow; ruling: " in score_text(alone)
+    check_follows(alone)
+
+    both = adjusted(tmp_path, turned_down, decision("q", effect={"points": -2}))
+    assert both.final == SCORE - 2
+    with pytest.raises(DataFileError, match="no complaint is dismissed"):
+        adjusted(tmp_path, decision("p", effect={"dismissed": True}, finding=finding))
 
 
 def test_verdicts_come_before_points_and_what_settles_comes_last(tmp_path: Path) -> None:

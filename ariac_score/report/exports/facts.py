@@ -167,6 +167,6 @@ def remarks(result: Result) -> list[str]:
     if result.adjusted is None:
         return []
     return [
-        f"adjusted by {cut(a.author, 200)}, {a.time}: {cut(a.effect)}: {cut(a.reason)}"
+        f"adjusted by {cut(a.author, 200)}, {a.time}: {cut(a.effect)}: {cut(a.words)}"
         for a in result.adjusted.adjustments
     ]

@@ -289,6 +289,7 @@ def _decisions(stewarded: Stewarded) -> Table:
         "id",
         "author",
         "time",
+        "complaint",
         "reason",
         "effect",
         "team",
@@ -298,7 +299,19 @@ def _decisions(stewarded: Stewarded) -> Table:
         "measured_sha256",
     )
     rows: list[tuple[Value, ...]] = [
-        (d.id, d.author, d.time, d.reason, d.effect, d.team, d.trial, d.run, d.finding, d.measured)
+        (
+            d.id,
+            d.author,
+            d.time,
+            d.complaint,
+            d.reason,
+            d.effect,
+            d.team,
+            d.trial,
+            d.run,
+            d.finding,
+            d.measured,
+        )
         for d in stewarded.adjustments
     ]
     return Table("decisions", "Decisions of the stewards", columns, tuple(rows))
