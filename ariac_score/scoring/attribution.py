@@ -5,32 +5,28 @@ shared out exactly: a node with slope m passes m * s to each child, where the su
 children is the change of the node. So the amounts at the leaves add up to the change of the whole, by
 induction. docs/ledger.md says which slopes each kind of node passes, and why.
 
-Numbers are exact, `int` or `Fraction`, until a logarithm is needed; that has 50 digits, correctly rounded,
-so that amounts are the same everywhere. What formulas decide (a comparison, a branch) is decided by the
-numbers with which the score itself is computed, so that both take the same way.
+Numbers are exact, as far as they can be (see `shares`). What formulas decide (a comparison, a branch) is
+decided by the numbers with which the score itself is computed, so that both take the same way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from fractions import Fraction
-from functools import lru_cache
 from itertools import combinations
 from math import factorial, prod
 from operator import or_
 from typing import Any
 
-from ariac_score.scoring.decimals import context
 from ariac_score.scoring.expression import Number
+from ariac_score.scoring.shares import Exact, divided, exactly, graded, raised, shares_of_least, turning
 
 __all__ = [
     "Changed",
     "Choice",
     "Compared",
     "Every",
-    "Exact",
     "Extreme",
     "Flow",
     "Function",
@@ -40,32 +36,13 @@ __all__ = [
     "Node",
     "Product",
     "Sum",
-    "exactly",
     "flow",
     "priced",
-    "raised",
     "truth",
 ]
 
-Exact = int | Fraction
-"""A number without any rounding."""
-
-_NEAR_ONE = Fraction(1, 10**25)
-_LOGARITHMS = context(75)
-"""25 digits more than wanted, for those that a ratio near 1 loses."""
-_MOST_BITS = 1 << 14
-"""Powers with more digits than this are taken in float64: exact ones would fill the memory."""
 _MOST_TOGETHER = 8
 """A function of which so many arguments changed at once is shared out by trying all orders."""
-
-
-def exactly(value: Any) -> Exact:
-    """A number as the decimal a person reads; 0 for what is no number, such as a text or nothing."""
-    if isinstance(value, int | Fraction):
-        return int(value) if isinstance(value, int) else value
-    if not isinstance(value, float):
-        return 0
-    return int(value) if value.is_integer() else Fraction(repr(value))
 
 
 class Node:
@@ -332,7 +309,7 @@ class Product(Node):
             return 1
         before = node.exact[step]
         if change := node.change(step):
-            return _divided(self.factor(node, step + 1) - self.factor(node, step), change)
+            return divided(self.factor(node, step + 1) - self.factor(node, step), change)
         return power * raised(before, power - 1) if before else 0
 
     def _shared(self, step: int) -> dict[Node, Exact]:
@@ -344,7 +321,7 @@ class Product(Node):
         constant = prod(ends[node][0] for node in steady)
         ends = {node: pair for node, pair in ends.items() if node not in set(steady)}
         if any(before * after < 0 for before, after in ends.values()):
-            return _turning(ends, constant)
+            return turning(ends, constant)
         return self._staged(ends, constant, step)
 
     def _staged(self, ends: dict[Node, tuple[Exact, Exact]], constant: Exact, step: int) -> dict[Node, Exact]:
@@ -363,13 +340,13 @@ class Product(Node):
         for stage in ([n for n in between if n not in later], [n for n in between if n in later]):
             after = value
             for node in stage:
-                after = _divided(after * ends[node][1], ends[node][0])
-            slopes |= _graded({n: ends[n] for n in stage}, value, after)
+                after = divided(after * ends[node][1], ends[node][0])
+            slopes |= graded({n: ends[n] for n in stage}, value, after)
             value = after
         for node in closing:
             amounts[node] = Fraction(-value) / len(closing)
         for node, amount in amounts.items():
-            slopes[node] = _divided(amount, ends[node][1] - ends[node][0])
+            slopes[node] = divided(amount, ends[node][1] - ends[node][0])
         return slopes
 
 
@@ -427,7 +404,7 @@ class Extreme(Node):
             node: (self.sign * node.exact[step], self.sign * (node.exact[step + 1] - node.exact[step]))
             for node in self.among
         }
-        shares = _shares_of_least(lines)
+        shares = shares_of_least(lines)
         return [(node, shares.get(node, 0)) for node in self.among if node.moves[step]]
 
 
@@ -460,7 +437,7 @@ class Choice(Node):
         if condition.moves[step]:
             by: Exact = 0
             if before is not after:
-                by = _divided(after.exact[step] - before.exact[step], condition.change(step))
+                by = divided(after.exact[step] - before.exact[step], condition.change(step))
             slopes[condition] = slopes.get(condition, 0) + by
         return list(slopes.items())
 
@@ -508,7 +485,7 @@ class Compared(Node):
     def _slopes(self, step: int) -> list[tuple[Node, Exact]]:
         left, right = self.children
         apart = left.change(step) - right.change(step)
-        by = _divided(self.change(step), apart) if apart else 0
+        by = divided(self.change(step), apart) if apart else 0
         return [(node, sign * by) for node, sign in ((left, 1), (right, -1)) if node.moves[step]]
 
 
@@ -538,11 +515,11 @@ class Function(Node):
         moving = self.moving(step)
         changed = [node for node in moving if node.change(step)]
         if len(changed) == 1:
-            by = {changed[0]: _divided(self.change(step), changed[0].change(step))}
+            by = {changed[0]: divided(self.change(step), changed[0].change(step))}
         elif 1 < len(changed) <= _MOST_TOGETHER:
             by = self._over_orders(changed, step)
         else:
-            by = {n: _divided(self.change(step), len(changed) * n.change(step)) for n in changed}
+            by = {n: divided(self.change(step), len(changed) * n.change(step)) for n in changed}
         return [(node, by.get(node, 0)) for node in moving]
 
     def _over_orders(self, changed: Sequence[Node], step: int) -> dict[Node, Exact]:
@@ -564,7 +541,7 @@ class Function(Node):
                 weight = Fraction(factorial(size) * factorial(count - size - 1), factorial(count))
                 for done in map(frozenset, combinations(others, size)):
                     amount += weight * (value(done | {node}) - value(done))
-            slopes[node] = _divided(amount, node.change(step))
+            slopes[node] = divided(amount, node.change(step))
         return slopes
 
     def _mixed(self, done: frozenset[Node], step: int) -> Exact:
@@ -581,110 +558,6 @@ def truth(node: Node) -> Node:
     return Function(
         node.label, (node,), [int(bool(number)) for number in node.numbers], lambda x: int(bool(x))
     )
-
-
-# Sharing -------------------------------------------------------------------------------
-
-
-def _divided(value: Exact, by: Exact) -> Exact:
-    if by == 1 or not value:
-        return value
-    found = Fraction(value) / by
-    return found.numerator if found.denominator == 1 else found
-
-
-def raised(base: Exact, power: int) -> Exact:
-    """A whole power; 0 where it has no value that a score could have."""
-    if power == 1:
-        return base
-    if base == 0:
-        return int(power == 0)
-    longest = max(base.numerator.bit_length(), base.denominator.bit_length())
-    if longest * abs(power) > _MOST_BITS and base not in (1, -1):
-        try:
-            return exactly(float(base) ** power)
-        except ArithmeticError:
-            return 0
-    return Fraction(base) ** power
-
-
-def _graded(ends: dict[Node, tuple[Exact, Exact]], before: Exact, after: Exact) -> dict[Node, Exact]:
-    """The slope in each factor when all change together: in proportion to the logarithms of the ratios."""
-    ratios = {node: Fraction(last) / first for node, (first, last) in ends.items()}
-    changed = [node for node, ratio in ratios.items() if ratio != 1]
-    steady = [node for node, ratio in ratios.items() if ratio == 1]
-    if not changed:
-        return {node: _divided(before, ends[node][0]) for node in steady}
-    if len({ratios[node] for node in changed}) == 1 and not steady:
-        shares: dict[Node, Exact] = dict.fromkeys(changed, Fraction(1, len(changed)))
-        return {n: _divided((after - before) * shares[n], ends[n][1] - ends[n][0]) for n in changed}
-    mean = _logarithmic_mean(before, after)
-    slopes: dict[Node, Exact] = {}
-    for node in changed:
-        first, last = ends[node]
-        amount = after - before if len(changed) == 1 else mean * _logarithm(ratios[node])
-        slopes[node] = _divided(amount, last - first)
-    return slopes | {node: _divided(mean, ends[node][0]) for node in steady}
-
-
-def _logarithmic_mean(one: Exact, other: Exact) -> Exact:
-    return one if one == other else (other - one) / _logarithm(Fraction(other) / one)
-
-
-@lru_cache(maxsize=1024)
-def _logarithm(ratio: Fraction) -> Fraction:
-    """The natural logarithm, to 50 digits."""
-    more = ratio - 1
-    if abs(more) < _NEAR_ONE:  # its digits beside the 1 would be cut off; by the series, to twice as many
-        return more - more**2 / 2
-    value = _LOGARITHMS.divide(Decimal(ratio.numerator), Decimal(ratio.denominator))
-    return Fraction(_LOGARITHMS.ln(value))
-
-
-def _turning(ends: dict[Node, tuple[Exact, Exact]], constant: Exact) -> dict[Node, Exact]:
-    """The slopes where a factor changes its sign: the mean over all orders of the factors, exactly.
-
-    The slope in one factor is the integral over t from 0 to 1 of the product of all others, each a
-    straight line from its first value to its last (Owen 1972).
-    """
-    slopes: dict[Node, Exact] = {}
-    for node in ends:
-        polynomial: list[Exact] = [constant]
-        for other, (first, last) in ends.items():
-            if other is not node:
-                by = last - first
-                polynomial = [
-                    first * (polynomial[i] if i < len(polynomial) else 0)
-                    + by * (polynomial[i - 1] if i else 0)
-                    for i in range(len(polynomial) + 1)
-                ]
-        slopes[node] = sum((Fraction(c) / (i + 1) for i, c in enumerate(polynomial)), start=Fraction(0))
-    return slopes
-
-
-def _shares_of_least(lines: dict[Node, tuple[Exact, Exact]]) -> dict[Node, Exact]:
-    """For each straight line (value at 0, change until 1) for how much of the way it is the least.
-
-    Lines that are the same share their part equally; where two only cross, neither gets anything for it.
-    """
-    same: dict[tuple[Exact, Exact], list[Node]] = {}
-    for node, line in lines.items():
-        same.setdefault(line, []).append(node)
-    shares: dict[Node, Exact] = {}
-    at: Exact = 0
-    current = min(same)  # the least value, of these the steepest fall
-    while at < 1:
-        value, by = current
-        meets = [
-            (Fraction(other[0] - value) / (by - other[1]), other[1], other)
-            for other in same
-            if other[1] < by and other[0] - value < (by - other[1])
-        ]
-        until, _, following = min(meets, default=(Fraction(1), 0, current))
-        for node in same[current]:
-            shares[node] = Fraction(until - at) / len(same[current])
-        at, current = until, following
-    return shares
 
 
 # Passing slopes down -------------------------------------------------------------------

@@ -21,7 +21,6 @@ from ariac_score.checks.findings import POINTS, Finding, Verdict, canonical
 from ariac_score.errors import FormulaError, ResultError
 from ariac_score.scoring.attribution import (
     Choice,
-    Exact,
     Extreme,
     Function,
     Given,
@@ -30,12 +29,12 @@ from ariac_score.scoring.attribution import (
     Node,
     Product,
     Sum,
-    exactly,
     flow,
     priced,
 )
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import LARGEST_INTEGER, Number, Traced
+from ariac_score.scoring.shares import Exact, exactly
 from ariac_score.scoring.worlds import EARNED, KEPT, NOTHING, TAKEN
 from ariac_score.trial.frames import frame
 

@@ -22,7 +22,6 @@ from ariac_score.scoring.attribution import (
     Choice,
     Compared,
     Every,
-    Exact,
     Extreme,
     Function,
     Given,
@@ -31,14 +30,13 @@ from ariac_score.scoring.attribution import (
     Node,
     Product,
     Sum,
-    exactly,
-    raised,
     truth,
 )
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import APPLIED, COMPARISONS, Expression, Number, Traced, text_of
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.shares import Exact, exactly, raised
 from ariac_score.scoring.sheet import (
     AGGREGATES,
     CHECK_FUNCTIONS,

@@ -7,13 +7,14 @@ from fractions import Fraction
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
-from ariac_score.scoring.attribution import Exact, Leaf, Node, flow
+from ariac_score.scoring.attribution import Leaf, Node, flow
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.levels import declared_facts
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.shares import Exact
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import EARNED, TAKEN, tree_of
 from ariac_score.trial.spans import Span

@@ -34,13 +34,13 @@ from ariac_score.scoring.attribution import (
     Node,
     Product,
     Sum,
-    exactly,
     flow,
     truth,
 )
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ledger import reconcile
+from ariac_score.scoring.shares import exactly
 from ariac_score.scoring.worlds import EARNED, TAKEN
 
 from .attributed import Case, N, S, U, V, amounts, found, order, times, told

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError
-from ariac_score.scoring.attribution import Exact
 from ariac_score.scoring.cohort import CohortTerm, CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ledger import _nodes, reconcile
+from ariac_score.scoring.shares import Exact
 from ariac_score.trial.spans import Span
 
 from .attributed import Case, S, V, found, order, times
