@@ -25,8 +25,7 @@ from ariac_score.ranking.claims import told_apart
 from ariac_score.ranking.exact import Claim
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.resampling import student_quantile
-from ariac_score.ranking.spec import Key, Spec
-from ariac_score.scoring.expression import Expression
+from ariac_score.ranking.spec import Spec
 
 TEAMS = ("a", "b", "c", "d")
 TRUE = {(one, other) for one in "cd" for other in "ab"}
@@ -198,15 +197,7 @@ def main() -> None:
     for kind in (kind for kind in KINDS if arguments.only in kind.name):
         true = set() if kind.make is skewed else TRUE
         chance = np.random.default_rng(5)
-        spec = Spec(
-            kind.keep,
-            (Key("score", highest=True),),
-            fill=False,
-            judges="sum",
-            value=Expression.parse("execution"),
-            highest=True,
-            ties=(),
-        )
+        spec = Spec(kind.keep, fill=False)
         counted = np.zeros((3, 2))
         for _ in range(arguments.rounds):
             made = ranking(kind, kind.make(chance, kind))

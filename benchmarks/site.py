@@ -32,11 +32,10 @@ import numpy as np
 from ariac_score import Finding, Verdict, load_rule_set, score_trial
 from ariac_score.engine.price import reprice
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
-from ariac_score.ranking.spec import Intervals, Key, Spec
+from ariac_score.ranking.spec import Intervals, Spec
 from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
-from ariac_score.scoring.expression import Expression
 from ariac_score.testing import write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
@@ -151,16 +150,7 @@ def measure_site(arguments: argparse.Namespace) -> None:
 def made_ranking(teams: int, trials: int, runs: int, draws: int) -> tuple[Ranking, Spec]:
     """A ranking of made scores."""
     chance = np.random.default_rng(3)
-    spec = Spec(
-        1,
-        (Key("score", highest=True),),
-        fill=True,
-        judges="sum",
-        value=Expression.parse("execution"),
-        highest=True,
-        ties=(),
-        intervals=Intervals(draws=draws),
-    )
+    spec = Spec(intervals=Intervals(draws=draws))
     outcomes: list[RunOutcome] = []
     standings = []
     names = tuple(f"trial_{j}" for j in range(trials))

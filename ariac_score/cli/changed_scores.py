@@ -30,14 +30,14 @@ Pair = tuple[RuleSet, RuleSet]
 REMEDY = "score them under both: --logs PATH instead of --results"
 
 
-def changed_by_results(folder: Path, rules: Pair) -> Iterator[str]:
-    """What changes of stored results; of those that would have to be measured again, what for.
+def changed_by_results(path: Path, rules: Pair) -> Iterator[str]:
+    """What changes of a stored result or a folder of them; where a log would be needed again, what for.
 
     Raises:
         UsageError: There is no result.
     """
-    files = sorted(folder.glob("*.json")) if folder.is_dir() else []
-    competition = stored_results(folder) if folder.is_dir() else None
+    files = sorted(path.glob("*.json")) if path.is_dir() else [path] if path.is_file() else []
+    competition = stored_results(path) if path.is_dir() else None
     if competition is not None and competition.runs:
         lacks = [_lacks(load_result(run.path), rules) for run in competition.runs]
         if not any(lacks):
@@ -50,8 +50,8 @@ def changed_by_results(folder: Path, rules: Pair) -> Iterator[str]:
     if not files:
         raise UsageError(
             "there is no stored result here",
-            file=folder,
-            hint="give a folder of results that 'score -o FILE.json' or 'rank --results' wrote",
+            file=path,
+            hint="give a result that 'score -o FILE.json' wrote, or a folder of them from 'rank --results'",
         )
     needed = False
     for file in files:

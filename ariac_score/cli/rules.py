@@ -61,7 +61,10 @@ def register(commands: Any) -> None:
     diff.add_argument("second", metavar="B", help="likewise")
     whose = diff.add_mutually_exclusive_group()
     whose.add_argument(
-        "--results", type=Path, metavar="DIR", help="stored results: show whose score and rank would change"
+        "--results",
+        type=Path,
+        metavar="RESULT|DIR",
+        help="a stored result, or a folder of them: show whose score and rank would change",
     )
     whose.add_argument(
         "--logs",

@@ -63,7 +63,7 @@ class Intervals:
 
 @dataclass(frozen=True)
 class Spec:
-    """How runs become a ranking.
+    """How runs become a ranking; by default as where a rule set says nothing of it.
 
     Attributes:
         keep: How many runs of a trial count.
@@ -78,13 +78,13 @@ class Spec:
         total: How the scores of a team in its trials become its execution.
     """
 
-    keep: int
-    by: tuple[Key, ...]
-    fill: bool
-    judges: str
-    value: Expression
-    highest: bool
-    ties: tuple[Key, ...]
+    keep: int = 1
+    by: tuple[Key, ...] = (Key("score", highest=True),)
+    fill: bool = True
+    judges: str = "sum"
+    value: Expression = field(default_factory=lambda: Expression.parse("execution"))
+    highest: bool = True
+    ties: tuple[Key, ...] = ()
     strict: str = ""
     intervals: Intervals = field(default_factory=Intervals)
     total: Total = field(default_factory=Total)

@@ -56,7 +56,7 @@ def path_of_rule_set(name: str, folder: Path, registry: Registry) -> Path:
         known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
         files = (f"{name}{end}" for end in (".yaml", ".yml"))
         beside = next((file for file in files if (folder / file).is_file()), "")
-        known += "; a path to a .yaml file works too"
+        known += f"{' A' if known.endswith('?') else '; a'} path to a .yaml file works too"
         raise UsageError(
             f"there is no rule set {name!r}", hint=f"did you mean the file {beside!r}?" if beside else known
         ) from None

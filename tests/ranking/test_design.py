@@ -11,18 +11,9 @@ from ariac_score.cli import main
 from ariac_score.errors import UsageError
 from ariac_score.ranking.design import COMPETITIONS, designs
 from ariac_score.ranking.resampling import Sampled
-from ariac_score.ranking.spec import Key, Spec
-from ariac_score.scoring.expression import Expression
+from ariac_score.ranking.spec import Spec
 
-SPEC = Spec(
-    1,
-    (Key("score", highest=True),),
-    fill=True,
-    judges="sum",
-    value=Expression.parse("execution"),
-    highest=True,
-    ties=(),
-)
+SPEC = Spec()
 
 
 def runs(scores: list[list[list[int]]]) -> Sampled:
@@ -66,7 +57,7 @@ def test_a_coin_that_wins_four_of_five_trials_takes_as_many_as_the_binomial_says
 def test_more_runs_take_no_more_trials_where_luck_is_of_the_run() -> None:
     chance = np.random.default_rng(3)
     scores = chance.integers(0, 100, (2, 12, 4)).tolist()
-    keeping_all = Spec(**{**vars(SPEC), "keep": 4})
+    keeping_all = Spec(keep=4)
 
     sizes = designs(runs(scores), keeping_all, 40.0)
 

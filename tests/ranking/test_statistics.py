@@ -50,9 +50,7 @@ def spec(
 ) -> Spec:
     return Spec(
         keep,
-        (Key("score", highest=True),),
         fill=fill,
-        judges="sum",
         value=Expression.parse(value),
         highest=highest,
         ties=ties,

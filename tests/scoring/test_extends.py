@@ -230,7 +230,7 @@ def test_diff_names_what_needs_the_logs_and_scores_them(
     )
     mine = _file(tmp_path, HEAD + near)
 
-    assert main(["rules", "diff", "paper2020", mine, "--results", str(stored.parent)]) == 0
+    assert main(["rules", "diff", "paper2020", mine, "--results", str(stored)]) == 0
     *_, needs, remedy = capsys.readouterr().out.splitlines()
     assert needs == "example.json: needs its log: separation of mine (other parameters)"
     assert remedy == "score them under both: --logs PATH instead of --results"
