@@ -381,6 +381,7 @@ class Competition(Protocol):
     - `unlikely(likeness)`: why a file that looks so cannot be its own, in a few words; else empty;
     - `printed_level(name)`, `place(item, level, name)`: for the audit of official texts, the level of what a
       text calls by a name of its own, its path inside an outermost item, and why there is none;
+    - `usual_items`: how many innermost items the trial of a rulebook's examples has, by default 3;
     - `example_trial(seed)`, `made_trial()`, `recorded_messages(trial, motion)`: see `ariac_score.testing`.
     """
 

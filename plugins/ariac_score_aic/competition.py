@@ -91,6 +91,11 @@ class Aic:
         check_parameters(self)
 
     @property
+    def usual_items(self) -> int:
+        """The connections of a task: one plug, or both ends of a cable."""
+        return 1 if self.ends == "one" else 2
+
+    @property
     def consumption(self) -> Consumption:
         """How its scorer takes what is recorded."""
         return Consumption(

@@ -138,6 +138,15 @@ def test_formulas_are_said_in_words(paper: Rulebook) -> None:
     assert said["Weight", "each order"] == "1 if “index” of the order is 0; otherwise 3 [later order factor]"
 
 
+def test_an_example_has_as_much_work_as_its_competition_and_nothing_wrong_that_is_counted() -> None:
+    """By the scoring page of the AI for Industry Challenge: one connection."""
+    text = (DOCS / "aic2026.qualification.md").read_text(encoding="utf-8")
+
+    worth = 1 + 75 + 12 * (60 - 30) / (60 - 5) + 6 + 6 * (1 - 1 / 50)
+    assert f"One mistake in a made task with 1 connection that is worth {worth:.6g} when all is right" in text
+    assert "right port 1, within reach 1 m, wrong port 0" in text
+
+
 def test_a_law_that_the_file_owns_up_to_is_never_said_to_hold(paper: Rulebook) -> None:
     laws = {row[0]: row[1:] for row in grid(paper, "Laws").rows}
 

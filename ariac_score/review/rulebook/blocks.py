@@ -104,7 +104,7 @@ class Rulebook:
     sections: tuple[Section, ...] = field(default_factory=tuple)
 
 
-_UNIT_AT_END = re.compile(r"_(m_s2|m_s|s|m|rad|dollars|m2|n|pa|1)$")
+_UNIT_AT_END = re.compile(r"_(m_s3|m_s2|m_s|s|m|rad|dollars|m2|n|pa|1)$")
 
 
 def in_words(name: str) -> str:

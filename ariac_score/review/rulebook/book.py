@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ariac_score.checks.contracts import Monitor
-from ariac_score.checks.findings import POINTS
+from ariac_score.checks.findings import COUNT, POINTS
 from ariac_score.checks.measures import measures_of
 from ariac_score.checks.parameters import parameter_meanings, sections_of
 from ariac_score.checks.registry import Registry
@@ -134,7 +134,9 @@ class _Book:
         """Trials made for it."""
         measures = {name: measures_of(each.check) for name, each in self.prepared.checks.items()}
         bridged = bridged_pauses(self.rules, self.prepared.registry)
-        return Made(self.rules, self.events, bridged, measures)
+        competition = self.prepared.competition
+        parts = getattr(competition.check, "usual_items", PARTS) if competition else PARTS
+        return Made(self.rules, self.events, bridged, measures, parts)
 
     @cached_property
     def alone(self) -> Made:
@@ -253,9 +255,9 @@ class _Book:
         inner = self.words.of_work
         if not inner:
             return f"a made {self.words.one(TRIAL)}"
-        return f"a made {self.words.one(inner[-1])}" + (
-            f" with {PARTS} {self.words.many(inner[0])}" if len(inner) > 1 else ""
-        )
+        parts, word = self.made.parts, self.words
+        of = word.one(inner[0]) if parts == 1 else word.many(inner[0])
+        return f"a made {word.one(inner[-1])}" + (f" with {parts} {of}" if len(inner) > 1 else "")
 
     def _violations(self) -> Iterator[Block]:
         case = self._worth_something()
@@ -364,15 +366,16 @@ class _Book:
 
     def _measured(self) -> str:
         """The numbers that a made trial measures, in words."""
-        said = []
+        said: dict[str, list[str]] = {}
         for key, value in self.made.perfect().numbers.items():
             check, _, name = key.rpartition(".")
             declared = self.made.measures.get(check, {}).get(name)
             unit = declared.unit if declared else ""
-            amount = figure(value) if in_words(name) == unit else with_unit(value, unit)
-            said.append(f"{in_words(name)} {amount} (measured by {quoted(check)})")
+            amount = figure(value) if in_words(name) == unit or unit == COUNT else with_unit(value, unit)
+            said.setdefault(check, []).append(f"{in_words(name)} {amount}")
+        by = "; ".join(f"by {quoted(check)} {', '.join(each)}" for check, each in said.items())
         others = " Means over all teams are a fifth above its own." if self.rules.sheet.needs_cohort else ""
-        return f" {_capital(', '.join(said))}.{others}" if said else ""
+        return f" Measured {by}.{others}" if said else ""
 
     @cached_property
     def _one(self) -> dict[str, str]:

@@ -91,20 +91,29 @@ class Speaker:
         return said if plain or called else f"({said})"
 
     def _joined(self, node: ast.BinOp) -> str:
+        if isinstance(node.op, ast.Add | ast.Sub):
+            return self._sum(node)
         left = self._value(node.left) if self._as_tight(node.left, node) else self._inner(node.left)
-        right = self._inner(node.right)
-        if isinstance(node.op, ast.Add | ast.Sub) and isinstance(node.right, ast.BinOp):
-            said = self._value(node.right)
-            tight = isinstance(node.right.op, ast.Mult | ast.Div) and "," not in said
-            right = said if tight else right
-        return f"{left} {_SIGNS[type(node.op)]} {right}"
+        return f"{left} {_SIGNS[type(node.op)]} {self._inner(node.right)}"
+
+    def _sum(self, node: ast.BinOp) -> str:
+        """Terms from left to right, only those with commas of their own in brackets."""
+        terms: list[str] = []
+        rest: ast.expr = node
+        while isinstance(rest, ast.BinOp) and isinstance(rest.op, ast.Add | ast.Sub):
+            terms[:0] = [_SIGNS[type(rest.op)], self._term(rest.right)]
+            rest = rest.left
+        return " ".join([self._term(rest), *terms])
+
+    def _term(self, node: ast.expr) -> str:
+        said = self._value(node)
+        product = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div)
+        return said if product and "," not in said else self._inner(node)
 
     def _as_tight(self, inner: ast.expr, outer: ast.BinOp) -> bool:
         """Whether an inner operation needs no brackets on the left of the outer one."""
         if not isinstance(inner, ast.BinOp) or "," in self._value(inner):
             return False
-        if isinstance(outer.op, ast.Add | ast.Sub):
-            return not isinstance(inner.op, ast.Pow)
         return isinstance(inner.op, ast.Mult) and isinstance(outer.op, ast.Mult | ast.Div)
 
     def _product(self, node: ast.BinOp) -> str:

@@ -22,12 +22,12 @@ from ariac_score.scoring.ruleset import RuleSet
 __all__ = ["PARTS", "Made", "Step", "violation"]
 
 PARTS = 3
-"""Pieces of work in the trial that examples start from."""
+"""Pieces of work in the trial that examples start from, where their competition has no usual number."""
 
 _OTHERS = 1.2
 """The mean of all teams, as a multiple of what the made trial brings to it."""
 
-_NUMBERS: Mapping[str, float] = {"s": 100.0, "dollars": 1000.0, POINTS: 10.0, COUNT: 1.0, "m": 1.0}
+_NUMBERS: Mapping[str, float] = {"s": 30.0, "dollars": 1000.0, POINTS: 10.0, COUNT: 1.0, "m": 1.0}
 """What a made trial measures, by unit; 1 of anything else."""
 
 
@@ -65,12 +65,14 @@ class Made:
         events: Its monitors of single events.
         bridged: Which pauses its monitors bridge, s.
         measures: What its checks declare of their quantities, by check.
+        parts: Pieces of work in each order.
     """
 
     rule_set: RuleSet
     events: frozenset[str]
     bridged: Mapping[str, float]
     measures: Mapping[str, Mapping[str, Measure]]
+    parts: int = PARTS
     _cohorts: dict[int, tuple[Case, CohortValues]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -85,7 +87,7 @@ class Made:
 
     def perfect(self, kind: str = "") -> Case:
         """One piece of work with everything right, of one kind."""
-        case = Case(((PARTS,),), numbers=self._numbers)
+        case = Case(((self.parts,),), numbers=self._numbers)
         kinds: Mapping[str, str] = self.rule_set.expanded.get("kinds", {})
         before = list(kinds)[: list(kinds).index(kind)] if kind else []
         # The kinds are asked for one after the other, so those before it must not apply.
@@ -104,6 +106,9 @@ class Made:
     def _number(self, check: str, name: str) -> float:
         declared = self.measures.get(check, {}).get(name)
         unit = declared.unit if declared else "s" if name.endswith("_s") else "1"
+        # Of what is counted, most is said by yes and no: all is right where the best is counted.
+        if declared and unit == COUNT and declared.best is not None:
+            return declared.best
         return _NUMBERS.get(unit, 1.0)
 
     def cohort(self, case: Case) -> CohortValues:
@@ -162,7 +167,7 @@ class Made:
         cases = []
         for kind in self.kinds:
             perfect = self.perfect(kind)
-            cases += [perfect, replace(perfect, orders=((PARTS,), (PARTS,)), failed=frozenset())]
+            cases += [perfect, replace(perfect, orders=((self.parts,), (self.parts,)), failed=frozenset())]
             cases += [case for _, case in self.mistakes(kind)]
             for check in self.world.safety:
                 seconds = 0 if check in self.events else 7
