@@ -305,6 +305,28 @@ class World:
             left_open=LeftOpen(counts=self.rule_set.counts, monitors=self.rule_set.monitors),
         )
 
+    def is_behind(self, case: Case, other: Case) -> bool:
+        """Whether a tie-break of the ranking puts a trial behind another one."""
+        for name, lowest in self.ties:
+            formula = self.rule_set.sheet.terms[TRIAL][name]
+            mine, others = (
+                self.rule_set.sheet.evaluate_in(formula, self.scopes(each), self.findings(each))[""].value
+                for each in (case, other)
+            )
+            if mine != others:
+                return (mine > others) is lowest
+        return False
+
+    @cached_property
+    def ties(self) -> tuple[tuple[str, bool], ...]:
+        """The terms of the trial that separate equal teams, and whether less of each is better."""
+        found: list[tuple[str, bool]] = []
+        for key in self.rule_set.ranking.get("ties", ()):
+            ((side, name),) = key.items()
+            if name in self.rule_set.sheet.terms.get(TRIAL, {}):
+                found.append((name, side == "lowest"))
+        return tuple(found)
+
     def _cohort(self, scopes: Scope) -> CohortValues:
         """Values of other teams, always the same ones."""
         levels = {term.level for term in self.rule_set.sheet.cohort.values()}

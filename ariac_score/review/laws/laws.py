@@ -346,7 +346,8 @@ def _pieces(world: World, situation: Situation) -> Broken | None:
     counts = range(len(case.orders) + 1)
     clean = scores_of(world, *(_after(world, replace(case, violations=()), n) for n in counts))
     gains = [later - sooner for sooner, later in pairwise(clean)]
-    if any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains)):
+    worthless_later = gains[0] > 0 and not any(gains[1:])  # as where the best piece alone counts
+    if not worthless_later and (any(gain <= 0 for gain in gains) or any(b < a for a, b in pairwise(gains))):
         return None  # the pieces are not alike: the law says nothing about unequal ones
     scores = scores_of(world, *(_after(world, case, n) for n in counts))
     for n, (sooner, later) in enumerate(pairwise(scores)):

@@ -52,6 +52,38 @@ def _is_further(extra: Violation, case: Case) -> bool:
     return not set(range(extra.start, extra.end)) <= covered
 
 
+# Where nothing is left, a further violation still counts ---------------------------------
+
+
+def _draw_after(world: World, rng: Random) -> Situation:
+    case = draw_case(world, rng, most_violations=0)
+    worst = replace(draw_violation(world, rng), critical=rng.random() < 0.7)
+    length = 0 if worst.check in world.events else 1
+    count = 1 if worst.critical else 40
+    apart = round(world.t_off_s(worst.check) * TICKS_PER_S) + 5
+    again = tuple(replace(worst, start=n * apart, end=n * apart + length) for n in range(count))
+    later = replace(draw_violation(world, rng), pair=worst.pair, critical=False)
+    later = replace(later, start=case.duration - 50, end=case.duration - 50 + later.end - later.start)
+    return Situation(replace(case, failed=frozenset(), violations=again), violation=later)
+
+
+def _after(world: World, situation: Situation) -> Broken | None:
+    extra, case = situation.violation, situation.case
+    if extra is None or any(v.end + _APART > extra.start for v in case.violations):
+        return None
+    more = replace(case, violations=tuple(sorted([*case.violations, extra])))
+    clean, before, after = scores_of(world, replace(case, violations=()), case, more)
+    margin = margin_of(clean, before, after)
+    if clean <= margin or abs(before) > margin or after < before - margin:
+        return None
+    if world.is_behind(more, case):
+        return None
+    return Broken("as it is", before, f"with one more violation, {extra}; no tie-break tells", after)
+
+
+_APART = 20 * TICKS_PER_S
+"""Ticks: no penalty takes violations so far apart for one."""
+
 # A deeper violation costs more ---------------------------------------------------------
 
 
@@ -161,6 +193,15 @@ def _again(world: World, situation: Situation) -> Broken | None:
 
 
 PRICE_LAWS: tuple[Law, ...] = (
+    Law(
+        "nothing_left",
+        "where nothing is left, a further violation still counts",
+        "a violation is added, long after others that have taken all the points; the score or what "
+        "breaks ties must tell the two apart",
+        without_safety,
+        _draw_after,
+        _after,
+    ),
     Law(
         "always_costs",
         "a further violation always costs, until nothing is left",

@@ -75,6 +75,26 @@ def always_costs(subject: Subject) -> Argument:
     return _strictly(subject, "grows with every further violation", lambda one: one.always)
 
 
+def nothing_left(subject: Subject) -> Argument:
+    """Of every check one quantity grows with every violation apart, and the score or a tie-break with it."""
+    told = [("the score", subject.whole, Sign.DOWN)]
+    for name, (tree, is_lowest_better) in subject.ties.items():
+        told.append((f"the tie-break {name}", Grades().of(tree), Sign.UP if is_lowest_better else Sign.DOWN))
+    missing: list[str] = []
+    because: list[str] = []
+    for check in subject.world.safety:
+        found = [
+            f"{words} always goes with {one}, which every further violation that is apart adds to"
+            for words, grade, sign in told
+            for one in subject.all_quantities
+            if check in one.checks and one.apart and one.name in grade.strict and grade.sign(one.name) is sign
+        ]
+        (because if found else missing).append(
+            found[0] if found else f"neither the score nor a tie-break always goes with violations of {check}"
+        )
+    return _argued(missing, because)
+
+
 def severity(subject: Subject) -> Argument:
     """Of every check one quantity grows with depth, and moves the score strictly."""
     falls = more_violations(subject)
@@ -241,6 +261,7 @@ def stopping_early(subject: Subject) -> Argument:
 BY_TYPES: Mapping[str, Callable[[Subject], Argument]] = {
     "more_violations": more_violations,
     "always_costs": always_costs,
+    "nothing_left": nothing_left,
     "severity": severity,
     "no_cliff": no_cliff,
     "more_points": more_points,

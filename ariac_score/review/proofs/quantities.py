@@ -39,6 +39,7 @@ class Quantity:
         grows: Whether it never falls when violations get worse; for the task, when more of it is violated.
         why_not: Why it does not grow, in words.
         always: Whether it grows with every further violation.
+        apart: Whether it grows with every further violation that is long after the others.
         deepens: Whether it grows with depth.
         smooth: Whether a small change of a violation's length or depth changes it by little.
         bridged: Whether a pause that is shorter than what its monitor bridges leaves it as it is.
@@ -55,6 +56,7 @@ class Quantity:
     grows: bool = True
     why_not: str = ""
     always: bool = False
+    apart: bool = False
     deepens: bool = False
     smooth: bool = False
     bridged: bool = True
@@ -81,20 +83,37 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
     if function in ("count", "occurrences") and events:
         # An event has no length and no depth to be changed by little: each is one more.
         return Quantity(
-            label, VIOLATIONS, checks=(check,), always=True, smooth=True, adds=True, same_at_rates=True
+            label,
+            VIOLATIONS,
+            checks=(check,),
+            always=True,
+            apart=True,
+            smooth=True,
+            adds=True,
+            same_at_rates=True,
         )
     if function == "count":
         return Quantity(
-            label, VIOLATIONS, checks=(check,), grows=False, why_not=JOINING, adds=True, same_at_rates=True
+            label,
+            VIOLATIONS,
+            checks=(check,),
+            grows=False,
+            why_not=JOINING,
+            apart=True,
+            adds=True,
+            same_at_rates=True,
         )
     if function == "occurrences":
-        return Quantity(label, VIOLATIONS, checks=(check,), grows=False, why_not=JOINING, adds=True)
+        return Quantity(
+            label, VIOLATIONS, checks=(check,), grows=False, why_not=JOINING, apart=True, adds=True
+        )
     if function in ("seconds", "depth"):
         return Quantity(
             label,
             VIOLATIONS,
             checks=(check,),
             always=True,
+            apart=True,
             deepens=function == "depth",
             smooth=True,
             bridged=False,
@@ -121,6 +140,7 @@ def of_charge(
         label,
         VIOLATIONS,
         checks=tuple(weights),
+        apart=True,
         smooth=True,
         bridged=again_after_s >= longest_pause_s,
         adds=True,

@@ -1,9 +1,9 @@
 """Laws that types leave open, as questions to a solver: is there any trial that breaks them?
 
-The score is written over real numbers, one for each quantity that the law changes and one for everything that
-it leaves as it is. The solver is asked for numbers that break the law; where there are none, it is proven.
-All that is left out (that counts are whole, that formulas share parts) only gives the solver more freedom: a
-proof stands, and numbers that it does find need be those of no trial, so they refute nothing.
+The score is written over real numbers, one for each quantity that the law changes and one for everything
+that it leaves as it is. The solver is asked for numbers that break the law; where there are none, it is
+proven. All that is left out (that counts are whole, that formulas share parts) only gives the solver more
+freedom: a proof stands, and numbers that it does find need be those of no trial, so they refute nothing.
 
 The solver is z3 (the extra `prove`). Its effort is limited by steps, not by time, so that every machine finds
 the same.
@@ -310,6 +310,17 @@ def always_costs(solver: Solver, subject: Subject) -> Answer:
     return Answer(True, "no numbers break it: with more violated, a score above 0 falls")
 
 
+def nothing_left(solver: Solver, subject: Subject) -> Answer:
+    """Can violations take everything that work is worth?"""
+    shared: dict[Node, Any] = {}
+    wanted: list[Any] = []
+    none = {one.name: 0.0 for one in subject.quantities.values() if one.of == VIOLATIONS}
+    kinds = frozenset({VIOLATIONS})
+    done = _Trial(solver, shared, kinds, "", wanted).of(subject.tree)
+    clean = _Trial(solver, shared, kinds, "", wanted, pins=none).of(subject.tree)
+    return solver.ask([*wanted, clean > 0, done == 0], "violations never take all that work is worth")
+
+
 def waiting(solver: Solver, subject: Subject) -> Answer:
     """Is there a trial that has another score when it only ends later?"""
     pair = _Pair(solver, subject.tree, DURATION)
@@ -367,6 +378,7 @@ def _refuse_falling(quantities: Iterable[Quantity]) -> None:
 BY_SOLVER: Mapping[str, Callable[[Solver, Subject], Answer]] = {
     "more_violations": more_violations,
     "always_costs": always_costs,
+    "nothing_left": nothing_left,
     "waiting": waiting,
     "doing_nothing": doing_nothing,
     "stopping_early": stopping_early,

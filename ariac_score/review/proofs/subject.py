@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from ariac_score.checks.measures import measures_of
+from ariac_score.checks.measures import Measure, measures_of
 from ariac_score.checks.registry import Registry
 from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.proving import bridged_pauses, event_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
 from ariac_score.review.proofs.grades import Grade, Grades
 from ariac_score.review.proofs.quantities import TASK, VIOLATIONS, Quantity
-from ariac_score.review.proofs.tree import Term, inputs_of, score_tree
+from ariac_score.review.proofs.tree import Term, inputs_of, trees
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 
@@ -28,6 +28,7 @@ class Subject:
         name: As it was asked for.
         world: The rule set as laws see it.
         tree: Its score.
+        ties: What breaks ties in its ranking, by name of the term, and whether less of it is better.
         is_penalty: Whether it is a penalty, on the made competition.
         whole: What is known of the score.
         grades: Where signs were lost.
@@ -36,6 +37,7 @@ class Subject:
     name: str
     world: World
     tree: Term
+    ties: Mapping[str, tuple[Term, bool]] = field(default_factory=dict)
     is_penalty: bool = False
     grades: Grades = field(default_factory=Grades)
 
@@ -58,6 +60,12 @@ class Subject:
     def quantities(self) -> Mapping[str, Quantity]:
         """Everything that the score takes from a trial, by name."""
         return {one.name: one for one in inputs_of(self.tree)}
+
+    @property
+    def all_quantities(self) -> list[Quantity]:
+        """Those of the score and of what breaks ties."""
+        behind = [one for tree, _ in self.ties.values() for one in inputs_of(tree)]
+        return list(dict.fromkeys([*self.quantities.values(), *behind]))
 
     def of(self, what: str) -> list[Quantity]:
         """The quantities of one kind that move the score."""
@@ -89,13 +97,25 @@ def subject_of(name: str, registry: Registry) -> Subject:
         PluginError: A plugin of the rule set is not installed or broken.
     """
     if name in penalty_names() or name.startswith("penalty."):
-        rule_set = reference_rules(name)
-        world = World(rule_set, REFERENCE_EVENTS)
-        tree = score_tree(rule_set, events=REFERENCE_EVENTS, bridged={}, measures={}, safety=world.safety)
-        return Subject(name, world, tree, is_penalty=True)
+        world = World(reference_rules(name), REFERENCE_EVENTS)
+        return _subject(name, world, {}, is_penalty=True)
     rule_set = load_rule_set(name)
-    events, bridged = event_checks(rule_set, registry), bridged_pauses(rule_set, registry)
     measures = {check: measures_of(built) for check, built in rule_set.build(registry).items()}
-    world = World(rule_set, events, bridged)
-    tree = score_tree(rule_set, events=events, bridged=bridged, measures=measures, safety=world.safety)
-    return Subject(name, world, tree)
+    world = World(rule_set, event_checks(rule_set, registry), bridged_pauses(rule_set, registry))
+    return _subject(name, world, measures)
+
+
+def _subject(
+    name: str, world: World, measures: Mapping[str, Mapping[str, Measure]], *, is_penalty: bool = False
+) -> Subject:
+    ties = dict(world.ties)
+    score, terms = trees(
+        world.rule_set,
+        ties,
+        events=world.events,
+        bridged=world.bridged,
+        measures=measures,
+        safety=world.safety,
+    )
+    behind = {term: (tree, ties[term]) for term, tree in terms.items()}
+    return Subject(name, world, score, behind, is_penalty=is_penalty)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
@@ -35,8 +35,8 @@ __all__ = [
     "bare",
     "inputs_of",
     "parts_of",
-    "score_tree",
     "text",
+    "trees",
 ]
 
 
@@ -129,18 +129,20 @@ def text(node: Node) -> str:
 _LOOSE = frozenset({"+", "if", "and", "or", "<", "<=", "==", "!=", "/"})
 
 
-def score_tree(
+def trees(
     rule_set: RuleSet,
+    terms: Iterable[str],
     *,
     events: frozenset[str],
     bridged: Mapping[str, float],
     measures: Mapping[str, Mapping[str, Measure]],
     safety: Collection[str],
-) -> Term:
-    """The score of a rule set, before it is rounded.
+) -> tuple[Term, dict[str, Term]]:
+    """The score of a rule set, before it is rounded, and terms of the trial by name.
 
     Args:
         rule_set: Checked in itself.
+        terms: Which terms.
         events: Its monitors that speak of single events.
         bridged: Below which pause each other monitor makes one of two violations, s.
         measures: What checks declare of their quantities, by check and quantity.
@@ -148,7 +150,8 @@ def score_tree(
             what an official record shows, is taken as it is.
     """
     grower = _Grower(rule_set, events, bridged, measures, frozenset(safety))
-    return Term("score", grower.grow(rule_set.sheet.score, TRIAL))
+    score = Term("score", grower.grow(rule_set.sheet.score, TRIAL))
+    return score, {name: grower.term(TRIAL, name) for name in terms}
 
 
 @dataclass
