@@ -39,6 +39,7 @@ ELSEWHERE = {
     "docs/guests.md": "tests/guests, with the guests installed",
     "docs/platforms.md": "tests/platforms, with an image and a server that are made",
     "docs/scale.md": "tests/batch, with storages and clusters that are made",
+    "docs/laws.md": "tests/review/test_proofs.py",
     "docs/mutants.md": "tests/test_mutants.py: it plants faults into a checkout",
     "docs/python.md": "tests/test_python_page.py",
     "docs/tutorials/": "tests/test_tutorials.py",

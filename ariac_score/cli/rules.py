@@ -22,9 +22,10 @@ from ariac_score.ranking.evaluation import evaluation_program
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.html.rulebook import rulebook_page
 from ariac_score.report.rulebook import rulebook_markdown, rulebook_text
-from ariac_score.review.laws.proving import DEFAULT_CASES, bridged_pauses, check_laws, event_checks
-from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
-from ariac_score.review.laws.words import outcome_lines
+from ariac_score.review.proofs.proving import DEFAULT_CASES, REFUTED, prove
+from ariac_score.review.proofs.solver import find_solver
+from ariac_score.review.proofs.subject import subject_of
+from ariac_score.review.proofs.words import judged_lines
 from ariac_score.review.rulebook.book import rulebook
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.extending import path_of_rule_set
@@ -79,10 +80,10 @@ def register(commands: Any) -> None:
     validate.set_defaults(run=run_validate)
     check = actions.add_parser(
         "check",
-        help="test laws on random findings, such as that violations never help",
-        description="Test eight laws on thousands of random findings; print which hold, and the smallest "
-        "counter-example found for one that does not. Exit code 1 when one does not hold, even where "
-        "the rule set declares that itself under 'breaks'.",
+        help="prove or try laws, such as that violations never help, of many rule sets",
+        description="Prove thirteen laws; try what is not proven on random findings, and print the smallest "
+        "counter-example found. Exit code 1 when one does not hold, even where the rule set declares that "
+        "itself under 'breaks'; 0 where each is proven or no counter-example was found.",
     )
     check.add_argument(
         "names",
@@ -199,27 +200,20 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Try the laws on each rule set."""
-    registry, broken, penalties = registry_of(arguments), False, penalty_names()
-    for name in arguments.names or [*rule_set_names(registry), *penalties]:
-        # A misspelt penalty is named as one.
-        is_penalty = name in penalties or name.startswith("penalty.")
-        rule_set = reference_rules(name) if is_penalty else load_rule_set(name)
-        events = REFERENCE_EVENTS if is_penalty else event_checks(rule_set, registry)
-        bridged = {} if is_penalty else bridged_pauses(rule_set, registry)
-        cases = arguments.cases or DEFAULT_CASES
-        outcomes = check_laws(rule_set, cases=cases, seed=arguments.seed, events=events, bridged=bridged)
-        tried = sum(outcome.cases for outcome in outcomes)
-        where = f"{name} on a made competition" if is_penalty else rule_set.id
-        print(f"{where}: {tried} random cases, seed {arguments.seed}")
-        for outcome in outcomes:
-            for line in outcome_lines(
-                outcome, rule_set.sheet.levels, rule_set.breaks.get(outcome.law.name, "")
-            ):
+    """Prove the laws of each rule set, or try them where they are not proven."""
+    registry, broken, solver = registry_of(arguments), False, find_solver()
+    for name in arguments.names or [*rule_set_names(registry), *penalty_names()]:
+        subject = subject_of(name, registry)
+        judged = prove(subject, cases=arguments.cases or DEFAULT_CASES, seed=arguments.seed, solver=solver)
+        rule_set = subject.rule_set
+        print(f"{name} on a made competition" if subject.is_penalty else rule_set.id)
+        for one in judged:
+            for line in judged_lines(one, rule_set.sheet.levels):
                 print(f"  {line}")
         sys.stdout.flush()
-        broken |= any(outcome.verdict == "broken" for outcome in outcomes)
-        surprises = [o.law.says for o in outcomes if o.broken and o.law.name not in rule_set.breaks]
-        if surprises and not is_penalty:
+        refuted = [one for one in judged if one.verdict == REFUTED]
+        broken |= bool(refuted)
+        surprises = [one.law.says for one in refuted if not one.declared]
+        if surprises and not subject.is_penalty:
             print(f"  its file does not say under 'breaks' that it breaks: {'; '.join(surprises)}")
     return 1 if broken else 0

@@ -11,9 +11,12 @@ from ariac_score.cli import main
 from ariac_score.documents.schema import schema
 from ariac_score.review.laws.cases import Case, Violation, World
 from ariac_score.review.laws.laws import LAWS
+from ariac_score.review.laws.prices import ALL_LAWS
 from ariac_score.review.laws.proving import Outcome, check_laws, event_checks
-from ariac_score.review.laws.reference import DEFAULT, REFERENCE_EVENTS, penalties_page, reference_rules
-from ariac_score.review.laws.words import outcome_lines
+from ariac_score.review.laws.reference import DEFAULT, REFERENCE_EVENTS, reference_rules
+from ariac_score.review.proofs.penalties_page import penalties_page
+from ariac_score.review.proofs.proving import Judged
+from ariac_score.review.proofs.words import judged_lines
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import RuleSet, draft_rule_set, load_rule_set, rule_set_names
 
@@ -149,7 +152,8 @@ def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> 
 
 def test_a_counter_example_is_told_in_words() -> None:
     rules = made("earned + count(dropped)")
-    lines = list(outcome_lines(outcome(rules, "more_violations"), rules.sheet.levels))
+    found = outcome(rules, "more_violations")
+    lines = list(judged_lines(Judged(found.law, "refuted", exploit=found), rules.sheet.levels))
 
     assert lines == [
         "BROKEN          more violations never help",
@@ -215,10 +219,11 @@ def test_the_page_on_penalties_is_up_to_date() -> None:
 
 
 def test_the_command_says_which_laws_hold(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rules", "check", DEFAULT, "--cases", "40"]) == 0
+    assert main(["rules", "check", "ariac2019.as_coded", "--cases", "40"]) == 1
     out = capsys.readouterr().out
-    assert out.count("  holds ") == 8
-    assert "320 random cases, seed 0" in out
+    # Points that cannot be below 0, times a gate; nothing counts where the gate has taken all.
+    assert "  proven          more violations never help\n" in out
+    assert "  BROKEN          where nothing is left, a further violation still counts\n" in out
 
 
 @pytest.mark.slow
@@ -228,7 +233,6 @@ def test_the_command_fails_for_a_broken_law_and_goes_on_to_the_next_rule_set(
     assert main(["rules", "check", "paper2020", "ariac2023.as_coded", "--cases", "100"]) == 1
     out = capsys.readouterr().out
     assert "BROKEN          more violations never help" in out
-    assert "ariac2023.as_coded: 300 random cases" in out
     assert "not applicable  more violations never help: the score asks about no violation" in out
 
 
@@ -265,10 +269,10 @@ def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name:
 
     if said:
         # The rarest of them shows itself in one case of five hundred.
-        found = check_laws(rule_set, cases=3000, seed=7, events=events(rule_set), only=said, smallest=False)
+        found = check_laws(rule_set, cases=3000, seed=7, events=events(rule_set), only=said, steps=0)
         assert {o.law.name for o in found if o.verdict == "broken"} == said
     # Few cases, for there are many rule sets; `rules check` without a name tries 400.
-    others = check_laws(rule_set, cases=25, seed=1, events=events(rule_set), smallest=False)
+    others = check_laws(rule_set, cases=25, seed=1, events=events(rule_set), steps=0)
     assert {o.law.name for o in others if o.verdict == "broken"} <= said
 
 
@@ -304,7 +308,7 @@ def test_a_law_that_is_said_to_be_broken_and_is_not_is_told_so(
     (tmp_path / "made.yaml").write_text(text + "breaks: {waiting: a slip}\n")
 
     assert main(["rules", "check", str(tmp_path / "made.yaml"), "--cases", "20"]) == 0
-    assert "the rule set says so itself: a slip; no counter-example was found" in capsys.readouterr().out
+    assert "the rule set says so itself: a slip; it is proven all the same" in capsys.readouterr().out
 
 
 def test_a_law_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -320,4 +324,4 @@ def test_the_schema_knows_every_law() -> None:
         iter(schema("ruleset")["$defs"]["for_auditors"]["properties"]["breaks"]["patternProperties"])
     )
 
-    assert pattern == f"^({'|'.join(law.name for law in LAWS)})$"
+    assert pattern == f"^({'|'.join(law.name for law in ALL_LAWS)})$"

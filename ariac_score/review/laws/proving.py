@@ -20,7 +20,7 @@ __all__ = ["DEFAULT_CASES", "Outcome", "bridged_pauses", "check_laws", "event_ch
 DEFAULT_CASES = 400
 """Random cases for each law."""
 
-_MOST_STEPS = 2000
+MOST_STEPS = 2000
 """A counter-example is reduced by so many tries at most; it is one at every step."""
 
 
@@ -54,7 +54,7 @@ def check_laws(
     events: Set[str] = frozenset(),
     bridged: Mapping[str, float] = MappingProxyType({}),
     only: Collection[str] = (),
-    smallest: bool = True,
+    steps: int = MOST_STEPS,
 ) -> tuple[Outcome, ...]:
     """Try every law on random cases; the same seed gives the same cases.
 
@@ -66,11 +66,11 @@ def check_laws(
             is taken to watch stretches of time.
         bridged: Below which pause each of these makes one of two violations, s (`bridged_pauses`).
         only: Names of the laws to try; empty: all.
-        smallest: Whether a counter-example is reduced, which takes time.
+        steps: How many tries a counter-example is reduced by, which take time.
     """
     world = World(rule_set, frozenset(events), bridged)
     laws = [law for law in (ALL_LAWS if only else LAWS) if not only or law.name in only]
-    return tuple(_tried(law, world, cases, seed, smallest=smallest) for law in laws)
+    return tuple(_tried(law, world, cases, seed, steps=steps) for law in laws)
 
 
 def event_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
@@ -101,7 +101,7 @@ def bridged_pauses(rule_set: RuleSet, registry: Registry) -> dict[str, float]:
     }
 
 
-def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> Outcome:
+def _tried(law: Law, world: World, cases: int, seed: int, *, steps: int) -> Outcome:
     reason = law.idle(world)
     if reason:
         return Outcome(law, "not_applicable", reason)
@@ -117,15 +117,16 @@ def _tried(law: Law, world: World, cases: int, seed: int, *, smallest: bool) -> 
             continue
         tried += 1
         if broken:
-            if smallest:
-                situation, broken = _shrunk(law, world, situation, broken)
+            situation, broken = _shrunk(law, world, situation, broken, steps)
             return Outcome(law, "broken", cases=tried, situation=situation, broken=broken)
     if not tried and cases:
         return Outcome(law, "untried", unpriced)
     return Outcome(law, "holds", cases=tried)
 
 
-def _shrunk(law: Law, world: World, situation: Situation, broken: Broken) -> tuple[Situation, Broken]:
+def _shrunk(
+    law: Law, world: World, situation: Situation, broken: Broken, most: int
+) -> tuple[Situation, Broken]:
     """The simplest situation near this one that still breaks the law."""
     # A step that does not break the law is given up; the first that does starts over, boldest steps first.
     steps = 0
@@ -134,7 +135,7 @@ def _shrunk(law: Law, world: World, situation: Situation, broken: Broken) -> tup
         shrinking = False
         for plainer in simpler(situation):
             steps += 1
-            if steps > _MOST_STEPS:
+            if steps > most:
                 return situation, broken
             try:
                 still = law.broken(world, plainer)

@@ -5,38 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ariac_score.review.laws.cases import Case
-from ariac_score.review.laws.proving import Outcome
 from ariac_score.scoring.expression import Number
 from ariac_score.scoring.levels import TRIAL
 
-__all__ = ["numbers_apart", "outcome_lines", "trial_in_words"]
-
-_VERDICTS = {"holds": "holds", "broken": "BROKEN", "not_applicable": "not applicable", "untried": "not tried"}
-
-
-def outcome_lines(outcome: Outcome, levels: Sequence[str], known: str = "") -> Iterator[str]:
-    """How a law fared, in a line; the counter-example below it.
-
-    Args:
-        outcome: How it fared.
-        levels: Of the rule set, whose words the counter-example uses.
-        known: Why the rule set says that it breaks this law; empty when it does not.
-    """
-    reason = f": {outcome.reason}" if outcome.reason else ""
-    yield f"{_VERDICTS[outcome.verdict]:<15} {outcome.law.says}{reason}"
-    if known:
-        found = "" if outcome.broken else "; no counter-example was found"
-        yield f"    the rule set says so itself: {known}{found}"
-    if outcome.broken and outcome.situation:
-        broken = outcome.broken
-        yield f"    {trial_in_words(outcome.situation.case, levels)}"
-        first, second = numbers_apart(broken.first_score, broken.second_score)
-        yield f"    {first}  {broken.first}"
-        yield f"    {second}  {broken.second}"
+__all__ = ["numbers_apart", "trial_in_words"]
 
 
 def numbers_apart(first: Number, second: Number) -> tuple[str, str]:
     """Both with as many digits as it takes to see that they differ."""
+    if abs(first - second) <= 1e-9 * max(1.0, abs(first)):  # one number, but for its last bits
+        return f"{first:>12.6g}", f"{second:>12.6g}"
     digits = next((d for d in (6, 9, 12) if f"{first:.{d}g}" != f"{second:.{d}g}"), 15)
     return f"{first:>12.{digits}g}", f"{second:>12.{digits}g}"
 

@@ -112,6 +112,9 @@ def _strictly(
     for check in subject.world.safety:
         if only is not None and check not in only:
             continue
+        if _takes_all(subject, check):
+            because.append(f"one violation of {check} takes everything")
+            continue
         moving = [q for q in subject.priced_violations if check in q.checks and which(q)]
         strict = [q for q in moving if q.name in subject.alive.strict]
         if strict:
@@ -121,6 +124,14 @@ def _strictly(
         else:
             missing.append(f"nothing that the score takes from {check} {words}")
     return _argued(missing, because)
+
+
+def _takes_all(subject: Subject, check: str) -> bool:
+    """Whether the first violation of a check makes the score 0, so that nothing is left for another."""
+    first = {q.name: 1.0 for q in subject.priced_violations if q.checks == (check,) and q.switch}
+    first = {name: one for name, one in first.items() if name.startswith("violated(")}
+    left = Grades(pins=first).of(subject.tree).typed
+    return bool(first) and left.is_known and left.least == 0
 
 
 def no_cliff(subject: Subject) -> Argument:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from ariac_score.review.laws.laws import Law
 from ariac_score.review.laws.prices import ALL_LAWS
-from ariac_score.review.laws.proving import Outcome, check_laws
+from ariac_score.review.laws.proving import MOST_STEPS, Outcome, check_laws
 from ariac_score.review.proofs.by_types import BY_TYPES, Argument
 from ariac_score.review.proofs.solver import BY_SOLVER, OutsideError, Solver
 from ariac_score.review.proofs.subject import Subject
@@ -64,7 +64,7 @@ def law_named(name: str) -> Law:
     return next(law for law in ALL_LAWS if law.name == name)
 
 
-def random_search(*, cases: int, seed: int) -> Search:
+def random_search(*, cases: int, seed: int, steps: int = MOST_STEPS) -> Search:
     """A search among random trials; the same seed tries the same ones, and what is found is reduced."""
 
     def search(subject: Subject, law: Law) -> Outcome | None:
@@ -76,6 +76,7 @@ def random_search(*, cases: int, seed: int) -> Search:
             events=world.events,
             bridged=world.bridged,
             only=[law.name],
+            steps=steps,
         )
         return outcome if outcome.broken else None
 
@@ -87,6 +88,7 @@ def prove(
     *,
     cases: int = DEFAULT_CASES,
     seed: int = 0,
+    steps: int = MOST_STEPS,
     solver: Solver | None = None,
     searches: Iterable[Search] = (),
 ) -> tuple[Judged, ...]:
@@ -96,10 +98,11 @@ def prove(
         subject: A rule set or a penalty.
         cases: Random trials that are searched for each law that is not proven.
         seed: Where the random numbers start.
+        steps: How many tries an exploit is reduced by.
         solver: What is asked where types do not suffice; `None` where none is installed.
         searches: Others that look for an exploit where random trials show none.
     """
-    wanted = [random_search(cases=cases, seed=seed), *searches]
+    wanted = [random_search(cases=cases, seed=seed, steps=steps), *searches]
     return tuple(_judged(subject, law_named(name), solver, wanted) for name in BY_TYPES)
 
 

@@ -17,7 +17,7 @@ from ariac_score.review.proofs.tree import Term, inputs_of, trees
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 
-__all__ = ["Subject", "subject_of"]
+__all__ = ["Subject", "subject_of", "subject_of_rules"]
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,18 @@ def subject_of(name: str, registry: Registry) -> Subject:
     if name in penalty_names() or name.startswith("penalty."):
         world = World(reference_rules(name), REFERENCE_EVENTS)
         return _subject(name, world, {}, is_penalty=True)
-    rule_set = load_rule_set(name)
+    return subject_of_rules(load_rule_set(name), registry, name)
+
+
+def subject_of_rules(rule_set: RuleSet, registry: Registry, name: str = "") -> Subject:
+    """A rule set that is loaded.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+    """
     measures = {check: measures_of(built) for check, built in rule_set.build(registry).items()}
     world = World(rule_set, event_checks(rule_set, registry), bridged_pauses(rule_set, registry))
-    return _subject(name, world, measures)
+    return _subject(name or rule_set.id, world, measures)
 
 
 def _subject(

@@ -20,7 +20,10 @@ from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.settings import settings_of
 from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import Case, Violation
-from ariac_score.review.laws.proving import Outcome, bridged_pauses, check_laws, event_checks
+from ariac_score.review.laws.proving import bridged_pauses, event_checks
+from ariac_score.review.proofs.proving import Judged, prove
+from ariac_score.review.proofs.subject import subject_of_rules
+from ariac_score.review.proofs.words import exploit_in_words
 from ariac_score.review.rulebook.blocks import (
     Block,
     Bullets,
@@ -44,6 +47,9 @@ from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.words import Words
 
 __all__ = ["CASES", "rulebook"]
+
+_STEPS = 150
+"""Tries to make a counter-example plainer."""
 
 CASES = 40
 """Random trials for each law: a page is made in seconds; `rules check` tries more."""
@@ -586,31 +592,34 @@ class _Book:
     # Laws ------------------------------------------------------------------------------
 
     def laws(self) -> Section:
-        outcomes = check_laws(
-            self.rules,
-            cases=CASES,
-            events=self.events,
-            bridged=bridged_pauses(self.rules, self.prepared.registry),
-            smallest=False,
-        )
-        rows = tuple(
-            (_capital(one.law.says), _fared(one, self.rules), self._because(one)) for one in outcomes
-        )
+        subject = subject_of_rules(self.rules, self.prepared.registry)
+        # Without a solver, so that the page does not hang on whether one is installed.
+        judged = prove(subject, cases=CASES, steps=_STEPS)
+        rows = tuple((_capital(one.law.says), _fared(one), self._because(one)) for one in judged)
         text = (
-            f"Whether the score is fair: each law is tried on {CASES} random trials; "
-            f"{code(f'ariac-score rules check {self.rules.id}')} tries more and shows what breaks one."
+            "Whether the score is fair. What is proven holds in every trial there can be; the rest was tried "
+            f"on {CASES} random trials, and where one breaks a law, what a team can make of it is shown. "
+            f"{code(f'ariac-score rules prove {self.rules.id}')} tries more and gives the reasons."
         )
         return Section("Laws", (Text(text), Grid("", ("law", "", "because"), rows)))
 
-    def _because(self, outcome: Outcome) -> str:
-        return self.rules.breaks.get(outcome.law.name, outcome.reason)
+    def _because(self, judged: Judged) -> str:
+        exploit = exploit_in_words(judged, self.rules.sheet.levels)
+        if judged.declared:
+            return f"{judged.declared}. {_capital(exploit)}" if exploit else judged.declared
+        return exploit or (judged.because[0] if judged.verdict != "proven" else "")
 
 
-def _fared(outcome: Outcome, rules: RuleSet) -> str:
-    if outcome.verdict == "holds" and outcome.law.name in rules.breaks:
+def _fared(judged: Judged) -> str:
+    if judged.verdict == "open" and judged.declared:
         return "does not always hold"  # the file says so, and knows more than a few trials
-    verdicts = {"holds": "holds", "broken": "does not hold", "not_applicable": "does not apply"}
-    return verdicts.get(outcome.verdict, "could not be tried")
+    verdicts = {
+        "proven": "proven",
+        "refuted": "does not hold",
+        "not_applicable": "does not apply",
+        "open": "not proven; no counter-example found",
+    }
+    return verdicts[judged.verdict]
 
 
 def _constant(formula: Expression, parameters: Mapping[str, Number]) -> Number | None:
