@@ -93,8 +93,8 @@ _SHIPPED = """
 ## Which shipped rule sets break a law
 
 A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
-`breaks`; `rules check` repeats it with the counter-example, and fails all the same. What is known of the others
-is in [the table of laws](laws.md). `extends` does not take `breaks` over.
+`breaks`; `rules check` repeats it with the counter-example, and fails all the same. What is known of the
+others is in [the table of laws](laws.md). `extends` does not take `breaks` over.
 
 | rule set | law | because |
 |---|---|---|
