@@ -5,13 +5,16 @@ The law: cut a log anywhere, and the interval contains the score of the whole lo
 
 from __future__ import annotations
 
+import bz2
 import math
 import shutil
+import sqlite3
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
+import lz4.frame
 import pytest
 
 from ariac_score import LogError, Result, Trial, Verdict, load_result, score_trial
@@ -217,6 +220,59 @@ def test_a_folder_that_a_killed_recorder_left_without_metadata_is_read_in_order(
 
     assert result.measured.cut is not None
     assert result.measured.cut.until_s == pytest.approx(39.0, abs=0.5)
+
+
+def test_changes_that_a_killed_recorder_left_beside_a_database_are_settled_in_a_copy(tmp_path: Path) -> None:
+    whole = write_log(tmp_path / "whole.db3", kitting_trial())
+    base = sqlite3.connect(whole)
+    base.execute("PRAGMA journal_mode=WAL")
+    base.execute("PRAGMA wal_autocheckpoint=0")
+    base.execute("DELETE FROM messages WHERE timestamp > (SELECT min(timestamp) + 25e9 FROM messages)")
+    base.commit()  # into the journal alone, which closing the database would settle
+    for suffix in ("", "-wal"):
+        shutil.copy(f"{whole}{suffix}", tmp_path / f"trial.db3{suffix}")
+    base.close()
+    (tmp_path / "trial.yaml").write_text(configuration(kitting_trial()))
+    before = {file.name: file.read_bytes() for file in tmp_path.glob("trial.db3*")}
+
+    with pytest.raises(CutOffError, match=r"trial\.db3-wal holds changes"):
+        score_trial(tmp_path / "trial.db3", "paper2020")
+    given = [tmp_path / "trial.yaml"]
+    result = score_trial(tmp_path / "trial.db3", "paper2020", partial=True, also=given, root=tmp_path)
+
+    assert result.measured.cut is not None
+    assert result.measured.cut.until_s == pytest.approx(24.0, abs=0.02)
+    assert {file.name: file.read_bytes() for file in tmp_path.glob("trial.db3*")} == before
+
+
+@pytest.mark.parametrize("compression", ["lz4", "bz2"])
+def test_the_chunk_that_a_killed_recorder_was_writing_is_read_as_far_as_it_inflates(
+    compression: str, tmp_path: Path
+) -> None:
+    log = write_log(tmp_path / "trial.bag", kitting_trial())
+    data = log.read_bytes()
+
+    def after(at: int) -> int:  # bytes that follow their length
+        return at + 4 + int.from_bytes(data[at : at + 4], "little")
+
+    chunk = after(after(len(b"#ROSBAG V2.0\n")))  # behind header and padding of the record of the bag
+    records = data[after(chunk) + 4 : after(after(chunk))]
+    fields = (b"compression=" + compression.encode(), b"op=\x05", b"size=\0\0\0\0")
+    head = b"".join(len(field).to_bytes(4, "little") + field for field in fields)
+    compress = {
+        "lz4": lambda raw: lz4.frame.compress(raw, block_size=lz4.frame.BLOCKSIZE_MAX64KB),
+        "bz2": lambda raw: bz2.compress(raw, 1),
+    }[compression]
+    packed = compress(records)
+    lengths = len(head).to_bytes(4, "little"), bytes(4)  # that of the records it writes when it is done
+    log.write_bytes(data[:chunk] + lengths[0] + head + lengths[1] + packed[: -len(packed) // 9])
+
+    with pytest.raises(CutOffError, match="its recorder was killed while it wrote this chunk"):
+        score_trial(log, "paper2020")
+    result = score_trial(log, "paper2020", partial=True)
+
+    assert result.measured.cut is not None
+    assert 5.0 < (result.measured.cut.until_s or 0.0) < 39.0
 
 
 @pytest.mark.slow

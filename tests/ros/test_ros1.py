@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from ariac_score import LogError, Verdict, score_trial
+from ariac_score import LogError, Result, Verdict, score_trial
 
 sys.path.insert(0, str(Path(__file__).parent))
 from robot_os import HERE, RobotOs, bag_command, generate_messages, need_ros1, robot_os, send
@@ -196,6 +197,44 @@ def test_a_bag_whose_recorder_was_killed_is_refused_and_a_stopped_clock_is_noted
     (cut,) = tmp_path.glob("trial.bag.active")
     with pytest.raises(LogError):
         score_trial(cut, "paper2020")
+
+
+CONFIG = """options: {}
+orders:
+  order_0:
+    announcement_condition: time
+    announcement_condition_value: 0.0
+    priority: 1
+    destinations: [agv1]
+    products:
+      part_0: {type: gear_part_red, pose: {xyz: [0.1, 0, 0], rpy: [0, 0, 0]}}
+"""
+
+
+def test_what_a_killed_recorder_left_contains_what_another_one_recorded(ros: RobotOs, tmp_path: Path) -> None:
+    (tmp_path / "trial.yaml").write_text(CONFIG)
+    killed = ros.start("/usr/bin/rosbag", "record", "-O", "killed.bag", *TOPICS)
+    whole = ros.start("/usr/bin/rosbag", "record", "-O", "whole.bag", *TOPICS)
+    cell = ros.python(HERE / "cell", "jitter")  # it waits for both
+    left, began_s = tmp_path / "killed.bag.active", time.monotonic()
+    while not left.exists() or left.stat().st_size < 60_000:  # some 2 s of motion
+        assert time.monotonic() < began_s + 20.0
+        time.sleep(0.05)
+    send(killed, signal.SIGKILL)
+    assert ros.wait(cell, 30.0) == 0, ros.said(cell)
+    send(whole, signal.SIGINT)
+    ros.wait(whole, 20.0)
+
+    def score(name: str) -> Result:
+        given = [tmp_path / "trial.yaml"]
+        return score_trial(tmp_path / name, "paper2020", partial=True, also=given, root=tmp_path)
+
+    cut, honest = score("killed.bag.active"), score("whole.bag")
+    assert cut.measured.unofficial
+    assert not honest.measured.unofficial
+    assert cut.interval is not None
+    assert honest.interval is not None
+    assert cut.interval.least <= honest.interval.least <= honest.interval.most <= cut.interval.most
 
 
 def test_a_recorder_without_a_master_or_a_plan_says_what_to_do(tmp_path: Path, messages: Path) -> None:

@@ -25,6 +25,7 @@ __all__ = [
     "inflate",
     "inflate_file",
     "inflate_into",
+    "inflate_start",
 ]
 
 
@@ -95,6 +96,22 @@ def check_announced(size: int, packed: int | None = None) -> None:
         raise ValueError(
             f"it announces {size} bytes in {packed}, more than {MOST_INFLATION} times as many are not allowed"
         )
+
+
+def inflate_start(packed: bytes | memoryview, compression: str) -> bytes | memoryview:
+    """What can be inflated of compressed bytes whose end is missing; nothing where that is not possible."""
+    if compression in ("", "none"):
+        return packed
+    try:
+        engine, failures = _decompressor(compression)
+    except (ValueError, KeyError):
+        return b""
+    most = min(LARGEST_INFLATED_BYTES, max(_ALWAYS_ALLOWED_BYTES, len(packed) * MOST_INFLATION))
+    try:
+        found: bytes = engine.decompress(bytes(packed), max_length=most)
+    except failures:
+        return b""
+    return found
 
 
 class EndsEarlyError(ValueError):
@@ -211,15 +228,24 @@ _ZSTD_REPEATED = 1
 _ENDS = {"lz4": _end_of_lz4, "zstd": _end_of_zstd}
 
 
-def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
+def _decompressor(compression: str) -> tuple[Any, tuple[type[Exception], ...]]:
+    """What inflates a frame, and the errors that it raises.
+
+    Raises:
+        ValueError: Its module is not installed.
+    """
     module_name, name = _INFLATERS[compression]
     try:
         module = import_module(module_name)
     except ImportError as error:
         raise ValueError(f"its {compression} data needs the Python module {module_name!r}") from error
-    engine = getattr(module, name)()
     # Only the zstd module has an error of its own.
     failures = (OSError, EOFError, RuntimeError, ValueError, getattr(module, "ZstdError", OSError))
+    return getattr(module, name)(), failures
+
+
+def _inflate(packed: bytes | memoryview, compression: str, most: int) -> bytes:
+    engine, failures = _decompressor(compression)
     parts: list[bytes] = []
     room = most + 1  # one byte too many shows that it inflates to more
     try:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ariac_score.logs.containers.chunk_buffers import Slabs, scratch
 from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads, Outline
-from ariac_score.logs.containers.inflating import check_announced, inflate_into
+from ariac_score.logs.containers.inflating import check_announced, inflate_into, inflate_start
 from ariac_score.logs.containers.items import (
     Bytes,
     Connection,
@@ -347,12 +347,12 @@ class McapScan(ChunkedScan):
         yield self._declared(key, declared)
 
     def _cut_chunk(self, source: Source, start: int) -> Iterator[Item]:
-        """The whole records of an uncompressed chunk that the file ends in."""
+        """The whole records of a chunk that the file ends in."""
         head = source.peek(source.left)
         try:
             compression, at = _text(head, _CHUNK_HEAD.size)
-            if not compression:
-                yield from self._items_in_chunk(memoryview(head)[at + 8 :], start)
+            records = inflate_start(memoryview(head)[at + 8 :], compression)
+            yield from self._items_in_chunk(memoryview(records), start)
         except (struct.error, ValueError):
             return  # it ends in the middle of a record, which `take` reports
         finally:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ariac_score.logs.containers.chunk_buffers import Slabs, nothing_to_do
 from ariac_score.logs.containers.chunked import ChunkedScan, ChunkHead, Lookahead, MessageHeads, Outline
-from ariac_score.logs.containers.inflating import check_announced, inflate_into
+from ariac_score.logs.containers.inflating import check_announced, inflate_into, inflate_start
 from ariac_score.logs.containers.items import (
     Bytes,
     Connection,
@@ -150,6 +150,11 @@ class Ros1Scan(ChunkedScan):
             raise source.damaged(str(error), what="record", at=start) from error
         what = _WHAT.get(op, f"record of type {op}")
         length = _u32(source, what)
+        if op == _CHUNK and not length and source.left and _is_packed(header):
+            # A recorder writes the length of a chunk when it is done with it.
+            yield from self._drained(source, slabs.rest())
+            yield from self._cut_chunk(source, header, start)
+            raise source.cut_off("its recorder was killed while it wrote this chunk", what=what, at=start)
         if op == _CHUNK and length <= source.left:
             read_head = partial(_chunk_head, header, length)
             yield from self._enqueue_chunk(source, slabs, read_head, length, start)
@@ -268,10 +273,10 @@ class Ros1Scan(ChunkedScan):
                 self._announced[connection] += count
 
     def _cut_chunk(self, source: Source, header: _Header, start: int) -> Iterator[Item]:
-        """The whole records of an uncompressed chunk that the file ends in."""
+        """The whole records of a chunk that the file ends in."""
         try:
-            if _text(header, b"compression") == "none":
-                yield from self._items_in_chunk(memoryview(source.peek(source.left)), start)
+            records = inflate_start(source.peek(source.left), _text(header, b"compression"))
+            yield from self._items_in_chunk(memoryview(records), start)
         except (struct.error, ValueError):
             return  # it ends in the middle of a record, which `take` reports
         finally:
@@ -327,6 +332,10 @@ class Ros1Scan(ChunkedScan):
                 f"the index announces {self._announced.total()} messages, the chunks hold "
                 f"{self._found.total()}, or they belong to other connections"
             )
+
+
+def _is_packed(header: _Header) -> bool:
+    return header.get(b"compression", b"none") != b"none"
 
 
 def _chunk_head(header: _Header, length: int) -> ChunkHead:
