@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import pairwise
@@ -194,21 +194,7 @@ def view_of(
         link = RunLink(run, links.get(run.key, ""), conducts.get(run.key))
         by_cell.setdefault((run.team, run.trial), []).append(link)
     teams = conduct_of_teams(publication, conducts) if conducts else {}
-    standards = Counter[str]()
-    for one in teams.values():
-        standards.update(one.violated)
-        standards.update(dict.fromkeys(one.undecided, 0))
-    spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution or ()]
-    shown = [s.execution for s in ranking.standings]
-    shown += [one.task for one in teams.values() if one.task is not None]
-    opened = [s.open.execution for s in ranking.standings if s.open]
-    drawn = _Drawn(
-        scale_of(shown),
-        scale_of([*spread, *(s.execution for s in ranking.standings)]),
-        scale_of(
-            end for one in opened for end in (one.least, one.most, *(s.execution for s in ranking.standings))
-        ),
-    )
+    drawn = _drawn(publication, teams)
     return View(
         publication=publication,
         ranking=ranking,
@@ -234,7 +220,7 @@ def view_of(
         outcomes=OUTCOMES,
         decisions=_decisions(publication, by_cell),
         decided_in=publication.ranking.stewarded.sha256 if publication.ranking.stewarded else "",
-        standards=tuple(sorted(standards, key=lambda name: (-standards[name], name))),
+        standards=_standards(teams.values()),
         scale=drawn.parts,
         digits=_digits(ranking),
         what_if=None if what_if is None else what_if_view(what_if, publication.final),
@@ -248,6 +234,29 @@ class _Drawn:
     parts: Scale
     spread: Scale
     opened: Scale
+
+
+def _drawn(publication: Publication, teams: Mapping[str, TeamConduct]) -> _Drawn:
+    """Every scale takes in all scores, so that a score lies within whatever it is drawn on."""
+    standings, statistics = publication.final.standings, publication.final_statistics
+    scores = [standing.execution for standing in standings]
+    tasks = [one.task for one in teams.values() if one.task is not None]
+    spread = [end for odds in (statistics.teams if statistics else ()) for end in odds.execution or ()]
+    opened = [end for s in standings if s.open for end in (s.open.execution.least, s.open.execution.most)]
+    return _Drawn(
+        scale_of([*scores, *tasks]),
+        scale_of([*spread, *scores]),
+        scale_of([*opened, *scores] if opened else []),
+    )
+
+
+def _standards(teams: Iterable[TeamConduct]) -> tuple[str, ...]:
+    """The standards that checks of safety cite, those most violated first."""
+    violated = Counter[str]()
+    for one in teams:
+        violated.update(one.violated)
+        violated.update(dict.fromkeys(one.undecided, 0))
+    return tuple(sorted(violated, key=lambda name: (-violated[name], name)))
 
 
 def _digits(ranking: Ranking) -> int:
