@@ -242,6 +242,17 @@ def test_nothing_is_found_where_more_violation_costs_more_and_nothing_is_believe
 
 
 @pytest.mark.slow
+def test_of_the_rules_on_the_first_page_nothing_is_found_that_they_do_not_declare(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
+    log = Copy.of(example).with_changed(four_near_misses).write(tmp_path / "four")
+
+    found = search(honest_log(log, "paper2020"), budget=44)
+
+    assert [(one.says, one.before, one.after) for one in found.undeclared] == []
+    assert "motion rewritten" in {one.tactic.name for one in found.of("believed")}
+
+
+@pytest.mark.slow
 def test_the_smallest_of_what_works_is_printed(folder: Path) -> None:
     """A gap of the best world needs few samples: halves of a stretch are tried as long as they work."""
     found = search(honest(folder, f"open: best\n{CHARGED}"), budget=15, tactics=["samples left out"])
