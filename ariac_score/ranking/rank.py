@@ -608,21 +608,7 @@ def _with_ends(
     slots = Slots(
         spec.keep, spec.fill, cell_digits(spec, digits), spec.more_is_better, spec.by[0].name == "score"
     )
-    out = {standing.team for standing in standings if standing.disqualified}
-    worst_of = {
-        trial: worst_ends(
-            score,
-            [
-                Ends(run.score, run.score) if run.open is None else run.open
-                for (team, of), own in groups.items()
-                for run in own
-                if of == trial and team not in out and run.kept and run.score is not None
-                if run.outcome not in AS_ZERO
-            ],
-            more_is_better=spec.more_is_better,
-        )
-        for trial, score in worst.items()
-    }
+    worst_of = _worst_of(standings, spec, groups, worst)
     found: dict[str, Ends] = {}
     for standing in standings:
         cells = [
@@ -633,15 +619,7 @@ def _with_ends(
             spec.total.execution(list(side)) for side in zip(*((c.least, c.most) for c in cells), strict=True)
         ]
         found[standing.team] = Ends(*ends) if ends else Ends(standing.execution, standing.execution)
-    ranks: Mapping[str, tuple[int | None, int | None]] = {}
-    if spec.value.source == "execution":
-        ranked = {s.team: s.rank for s in standings if s.rank is not None}
-        values = {
-            team: ends if spec.highest else Ends(-ends.most, -ends.least)
-            for team, ends in found.items()
-            if team in ranked
-        }
-        ranks = rank_ends(values, ranked)
+    ranks = _rank_ends(standings, spec, found)
     return tuple(
         replace(
             standing,
@@ -657,6 +635,45 @@ def _with_ends(
         )
         for standing in standings
     )
+
+
+def _worst_of(
+    standings: Sequence[TeamRank],
+    spec: Spec,
+    groups: Mapping[tuple[str, str], Sequence[RunOutcome]],
+    worst: Mapping[str, Decimal],
+) -> dict[str, Ends]:
+    """Between which ends the worst score of each trial lies, which counts for whoever has none."""
+    out = {standing.team for standing in standings if standing.disqualified}
+    return {
+        trial: worst_ends(
+            score,
+            [
+                Ends(run.score, run.score) if run.open is None else run.open
+                for (team, of), own in groups.items()
+                for run in own
+                if of == trial and team not in out and run.kept and run.score is not None
+                if run.outcome not in AS_ZERO
+            ],
+            more_is_better=spec.more_is_better,
+        )
+        for trial, score in worst.items()
+    }
+
+
+def _rank_ends(
+    standings: Sequence[TeamRank], spec: Spec, found: Mapping[str, Ends]
+) -> Mapping[str, tuple[int | None, int | None]]:
+    """Between which ranks each ranked team is, where executions decide."""
+    if spec.value.source != "execution":
+        return {}
+    ranked = {s.team: s.rank for s in standings if s.rank is not None}
+    values = {
+        team: ends if spec.highest else Ends(-ends.most, -ends.least)
+        for team, ends in found.items()
+        if team in ranked
+    }
+    return rank_ends(values, ranked)
 
 
 def _cell_ends(runs: Sequence[RunOutcome], cell: Cell, worst: Ends, slots: Slots) -> Ends:
