@@ -275,7 +275,7 @@ class Unseen:
         least, most = np.zeros(len(sides[0].open)), np.zeros(len(sides[0].open))
         for one, recorded in zip(sides, self._recorded(signal), strict=True):
             if quantity_of(recorded.name) == "position":
-                low, high = self._from_places(recorded, one, top, change)
+                low, high = _speed_of_places(recorded, one, motion, self.error_s(recorded))
             else:
                 values = recorded.values
                 column = lengths(values) if values.ndim > 1 else values
@@ -293,18 +293,24 @@ class Unseen:
             least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
         return least, most
 
-    def _from_places(
-        self, position: Signal, sides: _Sides, top: float, change: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Within half of what it can change in an interval, a speed is the mean one of that interval."""
-        before, after = sides.values(position.values)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            mean = lengths(after - before) / sides.gap_s
-            swing = change * sides.gap_s / 2.0
-        loose = ~np.isfinite(mean) | ~np.isfinite(swing)
-        high = np.where(loose, top, np.minimum(mean + swing, top))
-        low = np.where(loose, 0.0, np.maximum(mean - swing, 0.0))
-        return low, high
+
+def _speed_of_places(
+    position: Signal, sides: _Sides, motion: MotionBound, error_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """The least and the most speed in each cell: as far from the mean one of its interval as it can change.
+
+    The interval itself may be longer or shorter by what its stamps are wrong, and the cell beside it.
+    """
+    before, after = sides.values(position.values)
+    top, change = motion.max_speed_m_s, motion.max_acceleration_m_s2
+    way_m = lengths(after - before)
+    shortest_s, longest_s = np.maximum(sides.gap_s - 2.0 * error_s, 0.0), sides.gap_s + 2.0 * error_s
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ends = [(way_m / lasts_s, change * (lasts_s / 2.0 + error_s)) for lasts_s in (shortest_s, longest_s)]
+        high = np.maximum(*(mean + swing for mean, swing in ends))
+        low = ends[1][0] - ends[1][1]
+    high = np.where(np.isfinite(high), np.minimum(high, top), top)
+    return np.where(np.isfinite(low), np.maximum(low, 0.0), 0.0), high
 
 
 def _near_chord(place: Place, sides: _Sides, cells: Cells, motion: MotionBound, error_s: float) -> Place:
