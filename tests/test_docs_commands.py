@@ -49,6 +49,7 @@ ELSEWHERE = {
 """Pages whose commands other tests run."""
 RUN = [
     "README.md",
+    "docs/aic.md",
     "docs/competitions.md",
     "docs/fairness.md",
     "docs/log_maps.md",
@@ -137,6 +138,13 @@ def _prepare(page: str, folder: Path) -> None:
         )
         assert main(["report", "examples/competition/2024", "-o", "old/site"]) == 0
         Path("out").mkdir()
+    if page == "docs/aic.md":
+        text = (ROOT / page).read_text(encoding="utf-8")
+        (rules,) = re.findall(r"^```yaml\n(id: next_week\n.*?)^```", text, re.DOTALL | re.MULTILINE)
+        (folder / "next_week.yaml").write_text(rules, encoding="utf-8")
+        for policy in ("calm", "quick"):
+            for number in range(1, 4):
+                shutil.copytree(ROOT / "examples/aic/run", folder / f"results/{policy}/{number}")
     if page in ("docs/security.md", "docs/fairness.md"):
         assert (
             main(["score", "examples/kitting_near_miss.mcap", "--rules", "paper2020", "-o", "result.json"])

@@ -10,6 +10,7 @@ import numpy as np
 
 from ariac_score import (
     Cause,
+    Chart,
     Finding,
     FloatArray,
     Measure,
@@ -22,8 +23,9 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
+from ariac_score_aic import charts
 from ariac_score_aic.consumption import Consumed, consumed_of
-from ariac_score_aic.jerk import MeanJerk, jerk_of_poses, jerk_of_velocities
+from ariac_score_aic.jerk import MeanJerk, jerk_of_poses, jerk_of_velocities, jerk_over_time
 from ariac_score_aic.messages import CONTACTS, IntArray
 
 __all__ = ["Contacts", "ForceTime", "PathLength", "PolynomialJerk", "PoseJerk", "TaskTime"]
@@ -153,6 +155,10 @@ class ForceTime:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The force at the wrist with its threshold."""
+        return charts.of_force(trial, self.threshold_n)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""
@@ -290,6 +296,10 @@ class PathLength:
     def __post_init__(self) -> None:
         check_parameters(self)
 
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The speed of the tool."""
+        return charts.of_speed(trial)
+
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""
         consumed = consumed_of(trial)
@@ -345,6 +355,14 @@ class PolynomialJerk:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The jerk around each sample that counts."""
+        consumed = consumed_of(trial)
+        if consumed is not None and consumed.messages.recorded_ns is not None:
+            t_s, jerk = jerk_over_time(*consumed.velocities, window=self.window, gate_m_s=self.gate_m_s)
+            begin_s = consumed.messages.recorded_ns[0] / 1e9 - consumed.later_s
+            yield from charts.of_jerk(t_s - begin_s, jerk)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""

@@ -27,7 +27,7 @@ from ariac_score_aic.signals import NO_HUMAN, with_signals
 from ariac_score_aic.task_times import TaskTimes, TimesOfRun
 from ariac_score_aic.time_bounds import times_of_log
 
-__all__ = ["Aic"]
+__all__ = ["Aic", "trial_in_name"]
 
 _BAG = re.compile(r"bag_(?P<trial>.+)_\d{8}_\d{6}_\d{1,6}")
 _STAMP = re.compile(r"_\d{8}_\d{6}(_\d{1,6})?")
@@ -174,6 +174,16 @@ class Aic:
         return made_trial()
 
 
+def trial_in_name(name: str) -> str:
+    """The trial that a recording of the engine is of, by its name; the name where it is none of the engine's.
+
+    >>> trial_in_name("bag_trial_1_20260514_191811_949"), trial_in_name("mine")
+    ('trial_1', 'mine')
+    """
+    named = _BAG.fullmatch(name)
+    return named["trial"] if named else name
+
+
 def _one(trial: Trial, kind: type[_Kept]) -> _Kept | None:
     return next((record for record in trial.records if isinstance(record, kind)), None)
 
@@ -216,8 +226,7 @@ def _named(messages: AicMessages | None, official: OfficialRun | None, stated: T
     found = [name for name in ids if messages.name.startswith(f"bag_{name}_")]
     if found:
         return max(found, key=len)
-    named = _BAG.fullmatch(messages.name)
-    return named["trial"] if named else messages.name
+    return trial_in_name(messages.name)
 
 
 def _times(

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 
 from ariac_score import (
     Cause,
+    Chart,
     Finding,
     Measure,
     Trial,
@@ -18,6 +19,7 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
+from ariac_score_aic import charts
 from ariac_score_aic.checks import NO_RECORDING
 from ariac_score_aic.consumption import Consumed, Plug, consumed_of
 from ariac_score_aic.run_config import Connection
@@ -192,6 +194,10 @@ class Insertion:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """How high the plug is above its port."""
+        return charts.of_height(trial)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the connection."""

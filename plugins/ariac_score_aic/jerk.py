@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ariac_score import FloatArray
 
-__all__ = ["MeanJerk", "jerk_of_poses", "jerk_of_velocities"]
+__all__ = ["MeanJerk", "jerk_of_poses", "jerk_of_velocities", "jerk_over_time"]
 
 _LEAST_WEIGHT_S = 1e-6
 """Below this sum of weights the scorer gives no jerk. Source: `ScoringTier2.cc`, line 633."""
@@ -58,6 +58,16 @@ def jerk_of_velocities(
     centres = centres[speeds[half : count - half] > gate_m_s]
     magnitudes, weights = _fitted(t_s, velocity_m_s, centres, window)
     return _mean(magnitudes, weights, count)
+
+
+def jerk_over_time(
+    t_s: FloatArray, velocity_m_s: FloatArray, *, window: int, gate_m_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """The magnitude of jerk at each sample that counts in the mean: s, and m/s^3."""
+    half = window // 2
+    centres = np.arange(half, len(t_s) - half)
+    centres = centres[np.sqrt((velocity_m_s[centres] ** 2).sum(axis=1)) > gate_m_s]
+    return t_s[centres], _fitted(t_s, velocity_m_s, centres, window)[0]
 
 
 def _mean(magnitudes: FloatArray, weights: FloatArray, samples: int) -> MeanJerk:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ariac_score import (
     Cause,
+    Chart,
     Finding,
     FloatArray,
     Measure,
@@ -21,6 +22,7 @@ from ariac_score import (
     check_parameters,
     parameter,
 )
+from ariac_score_aic import charts
 from ariac_score_aic.checks import NO_RECORDING, Contacts, ForceTime, PathLength
 from ariac_score_aic.consumption import Consumed, Plug, consumed_of
 from ariac_score_aic.insertion import Insertion
@@ -61,6 +63,10 @@ class ForceBounds:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The force at the wrist with its threshold."""
+        return charts.of_force(trial, self.threshold_n)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""
@@ -187,6 +193,10 @@ class TaskPath:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    def charts(self, trial: Trial) -> Iterator[Chart]:
+        """The speed of the tool."""
+        return charts.of_speed(trial)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""

@@ -8,9 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
-from ariac_score import DataFileError, LogError, Result, ScoreError, load_rule_set, open_trial, score_trial
+from ariac_score import (
+    DataFileError,
+    LogError,
+    Result,
+    ScoreError,
+    as_json,
+    load_rule_set,
+    open_trial,
+    score_trial,
+)
 from ariac_score.cli import main
+from ariac_score.report.html.trial import trial_page
 from ariac_score_aic.consumption import Consumed, consumed_of
 
 from .made_bags import BAG, write_bag, write_run
@@ -472,3 +483,45 @@ def forces(from_s: float, to_s: float, force_n: float) -> list[dict[str, Any]]:
         }
         for t in times
     ]
+
+
+# Many runs, and the page ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flags", "trial", "runs"), [([], "trial_1", [1, 2]), (["--paired"], "2.trial_1", [1, 1])]
+)
+def test_recordings_of_policies_become_a_competition(
+    tmp_path: Path, flags: list[str], trial: str, runs: list[int]
+) -> None:
+    for policy in ("calm", "quick"):
+        for number in "12":
+            shutil.copytree(RUN, tmp_path / policy / number)
+
+    assert main(["aic", "competition", str(tmp_path), *flags]) == 0
+    written = yaml.safe_load((tmp_path / "competition.yaml").read_text(encoding="utf-8"))
+    calm = [run for run in written["runs"] if run["team"] == "calm"]
+    assert [run["run"] for run in calm] == runs
+    assert calm[1]["trial"] == trial
+    assert (tmp_path / calm[0]["path"] / "metadata.yaml").is_file()
+    assert written["ranking"]["keep"] == max(runs)
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty"])
+def test_a_folder_without_recordings_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    (tmp_path / "empty/calm").mkdir(parents=True)
+
+    assert main(["aic", "competition", str(tmp_path / name)]) in (4, 5)
+    assert "results/<policy>/<run>" in capsys.readouterr().err
+
+
+def test_the_page_shows_force_speed_jerk_and_the_plug_from_the_side() -> None:
+    result = score_trial(RUN, STRICT)
+    page = trial_page(result, as_json(result))
+
+    for words in ("force at the wrist", "speed of the tool", "jerk of the tool", "Plug and port"):
+        assert words in page
+    assert "The plug from the side" in page
+    assert "from plug to port at the start</th><td>0.3464 m" in page
