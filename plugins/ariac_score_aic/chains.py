@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,20 @@ from ariac_score_aic.transforms import (
     TransformBuffer,
 )
 
-__all__ = ["Feed", "Poses", "final_buffer", "poses_while_reading", "replayed"]
+__all__ = [
+    "Feed",
+    "Poses",
+    "at_every_stamp",
+    "distinct",
+    "final_buffer",
+    "first_of_each",
+    "lengths_m",
+    "poses_while_reading",
+    "replayed",
+    "stamps_asked",
+    "taken",
+    "with_link",
+]
 
 
 @dataclass(frozen=True)
@@ -79,7 +93,7 @@ def relevant(transforms: Transforms, frames: Iterable[str]) -> Transforms:
     numbers = {name: i for i, name in enumerate(transforms.names)}
     wanted = np.zeros(max(len(numbers), 1), dtype=bool)
     wanted[[numbers[name] for name in frames if name in numbers]] = True
-    edges = np.unique(np.column_stack([transforms.child, transforms.parent]), axis=0)
+    edges = _edges(transforms)
     before = -1
     while wanted.sum() != before:
         before = int(wanted.sum())
@@ -108,6 +122,14 @@ def with_link(transforms: Transforms, parent: str, child: str) -> Transforms:
     return Transforms(**columns, rows=rows, topics=tuple(topics), names=tuple(names))
 
 
+def _edges(transforms: Transforms) -> IntArray:
+    """Every child with each of its parents, shape (k, 2)."""
+    count = max(len(transforms.names), 1)
+    codes = np.flatnonzero(np.bincount(transforms.child * count + transforms.parent))
+    found: IntArray = np.column_stack(np.divmod(codes, count))
+    return found
+
+
 def statics(transforms: Transforms, feed: Feed) -> NDArray[np.bool_]:
     """Which transforms are taken for static ones."""
     by_topic = np.array([t in (TF_STATIC, SCORING_STATIC) for t in transforms.topics] or [False])
@@ -117,12 +139,12 @@ def statics(transforms: Transforms, feed: Feed) -> NDArray[np.bool_]:
     return found
 
 
-def final_buffer(transforms: Transforms, feed: Feed, frames: Iterable[str]) -> TransformBuffer:
-    """The buffer after all messages, as far as the places of some frames depend on it."""
-    chosen = relevant(taken(transforms, feed), frames)
+def final_buffer(sound: Transforms, feed: Feed, frames: Iterable[str]) -> TransformBuffer:
+    """The buffer after all messages, of which tf2 takes these, as far as some frames depend on it."""
+    chosen = relevant(sound, frames)
     static = statics(chosen, feed)
     buffer = TransformBuffer(feed.buffer_ns)
-    for child in np.unique(chosen.child).tolist():
+    for child in np.flatnonzero(np.bincount(chosen.child)).tolist():
         rows = np.flatnonzero(chosen.child == child)
         name = chosen.names[child]
         if static[rows].all():
@@ -158,7 +180,11 @@ def _increasing_frame(transforms: Transforms, rows: NDArray[np.intp], buffer_ns:
 
 def replayed(transforms: Transforms, feed: Feed, target: str, source: str) -> Poses:
     """The poses that the scorer appends: after each message the latest, where its stamp is new."""
-    chosen = relevant(taken(transforms, feed), (target, source))
+    return _replayed(transforms, taken(transforms, feed), feed, target, source)
+
+
+def _replayed(transforms: Transforms, sound: Transforms, feed: Feed, target: str, source: str) -> Poses:
+    chosen = relevant(sound, (target, source))
     static, buffer = statics(chosen, feed), TransformBuffer(feed.buffer_ns)
     asked = _asked(transforms, feed).tolist()
     bounds = np.searchsorted(chosen.order, asked, side="right").tolist()
@@ -178,25 +204,35 @@ def replayed(transforms: Transforms, feed: Feed, target: str, source: str) -> Po
     return Poses(np.array(stamps, dtype=np.int64), np.array(places, dtype=np.float64).reshape(-1, 3))
 
 
-def poses_while_reading(transforms: Transforms, feed: Feed, target: str, source: str) -> Poses:
-    """What `replayed` gives, from whole columns where they show that it is the same."""
-    chosen = relevant(taken(transforms, feed), (target, source))
+def poses_while_reading(
+    transforms: Transforms, sound: Transforms, feed: Feed, target: str, source: str
+) -> Poses:
+    """What `replayed` gives, from whole columns where they show that it is the same.
+
+    Args:
+        transforms: All of them, after each of which is asked.
+        sound: Those that tf2 takes, as `taken` gives them.
+        feed: How they are taken.
+        target: In which frame.
+        source: Where which frame is.
+    """
+    chosen = relevant(sound, (target, source))
     if target not in chosen.names or source not in chosen.names:
         return _no_poses()
     path = _fixed_path(chosen, target, source)
     if path is None:
-        return replayed(transforms, feed, target, source)
+        return _replayed(transforms, sound, feed, target, source)
     if not path.linked:
         return _no_poses()
     links = [_Link.of(chosen, statics(chosen, feed), child) for child in (*path.up, *path.down)]
     if not all(link.plain for link in links):
-        return replayed(transforms, feed, target, source)
+        return _replayed(transforms, sound, feed, target, source)
     orders = _asked(transforms, feed)
     moving = [link for link in links if link.moves]
     begin = max(int(link.order[0]) for link in links)
     orders = orders[orders >= begin]
     if not moving or not len(orders):
-        return replayed(transforms, feed, target, source) if len(orders) else _no_poses()
+        return _replayed(transforms, sound, feed, target, source) if len(orders) else _no_poses()
     newest = [np.searchsorted(link.order, orders, side="right") - 1 for link in moving]
     at_ns = np.min([link.stamp_ns[i] for link, i in zip(moving, newest, strict=True)], axis=0)
     had = np.ones(len(orders), dtype=bool)
@@ -205,7 +241,7 @@ def poses_while_reading(transforms: Transforms, feed: Feed, target: str, source:
         had &= older >= 0
         remembered = link.stamp_ns[np.maximum(last - 1, 0)] - feed.buffer_ns
         if (had & (link.stamp_ns[np.maximum(older, 0)] < remembered)).any():
-            return replayed(transforms, feed, target, source)
+            return _replayed(transforms, sound, feed, target, source)
     at_ns = at_ns[had]
     kept = np.concatenate(([True], np.diff(at_ns) != 0))[: len(at_ns)]
     return _composed(links, path, at_ns[kept])
@@ -215,10 +251,26 @@ def _no_poses() -> Poses:
     return Poses(np.empty(0, dtype=np.int64), np.empty((0, 3)))
 
 
+def distinct(values: IntArray) -> IntArray:
+    """What `np.unique` gives, without sorting what is in order already, as stamps nearly always are."""
+    steps = np.diff(values)
+    if (steps >= 0).all():
+        return values[np.concatenate(([True], steps > 0))[: len(values)]]
+    return np.unique(values)
+
+
+def first_of_each(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
+    """Each value once, in order, with the place of its first."""
+    if (np.diff(values) > 0).all():
+        return values, np.arange(len(values))
+    found, first = np.unique(values, return_index=True)
+    return found, first
+
+
 def _asked(transforms: Transforms, feed: Feed) -> IntArray:
     """The places of the messages after which the scorer asks, whatever they hold."""
     moving = np.array([t not in (TF_STATIC, SCORING_STATIC) for t in transforms.topics] or [False])
-    return np.unique(transforms.order[moving[transforms.topic] & _heard(transforms, feed)])
+    return distinct(transforms.order[moving[transforms.topic] & _heard(transforms, feed)])
 
 
 @dataclass(frozen=True)
@@ -232,7 +284,7 @@ class _Path:
 
 def _fixed_path(transforms: Transforms, target: str, source: str) -> _Path | None:
     """The path between two frames where every frame has one parent throughout; `None` where one changes."""
-    edges = np.unique(np.column_stack([transforms.child, transforms.parent]), axis=0)
+    edges = _edges(transforms)
     parents = dict(edges.tolist())
     if len(parents) != len(edges):
         return None
@@ -352,7 +404,7 @@ def _turned(v: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _at_stamps(
-    transforms: Transforms,
+    sound: Transforms,
     buffer: TransformBuffer,
     feed: Feed,
     target: str,
@@ -360,7 +412,7 @@ def _at_stamps(
     at_ns: IntArray,
 ) -> Poses | None:
     """Poses at given times by whole columns; `None` where these do not show that it is the same."""
-    chosen = relevant(taken(transforms, feed), (target, source))
+    chosen = relevant(sound, (target, source))
     path = _fixed_path(chosen, target, source) if {target, source} <= set(chosen.names) else None
     if path is None or not path.linked:
         return None
@@ -385,19 +437,24 @@ def lengths_m(position_m: FloatArray) -> FloatArray:
     return steps
 
 
-def at_every_stamp(
-    transforms: Transforms, buffer: TransformBuffer, feed: Feed, target: str, source: str
-) -> Poses:
-    """Poses at every stamp of a moving topic, asked after all is read, as until February 23 (PR 334)."""
+def stamps_asked(transforms: Transforms, feed: Feed) -> IntArray:
+    """The stamps at which the scorer asked until February 23: all of moving topics but 0, each once."""
     heard = np.array(
         [t in feed.topics and t not in (TF_STATIC, SCORING_STATIC) for t in transforms.topics] or [False]
     )
-    asked = np.unique(transforms.stamp_ns[heard[transforms.topic]])
-    by_columns = _at_stamps(transforms, buffer, feed, target, source, asked[asked != 0])
+    asked = distinct(transforms.stamp_ns[heard[transforms.topic]])
+    found: IntArray = asked[asked != 0]
+    return found
+
+
+def at_every_stamp(
+    asked_ns: IntArray, sound: Transforms, buffer: TransformBuffer, feed: Feed, target: str, source: str
+) -> Poses:
+    """Poses at every stamp of a moving topic, asked after all is read, as until February 23 (PR 334)."""
+    by_columns = _at_stamps(sound, buffer, feed, target, source, asked_ns)
     if by_columns is not None:
         return by_columns
-    asked = asked.tolist()
-    found = [(stamp, buffer.lookup(target, source, stamp)) for stamp in asked if stamp]
+    found = [(stamp, buffer.lookup(target, source, stamp)) for stamp in asked_ns.tolist()]
     had = [(stamp, placement.position_m) for stamp, placement in found if placement is not None]
     stamps = np.array([stamp for stamp, _ in had], dtype=np.int64)
     return Poses(stamps, np.array([at for _, at in had], dtype=np.float64).reshape(-1, 3))

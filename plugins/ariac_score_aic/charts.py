@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ariac_score import Chart, FloatArray, Signal, Trial
+from ariac_score_aic.chains import first_of_each
 from ariac_score_aic.signals import PLUG, PORT, TOOL
 
 __all__ = ["HEIGHT", "of_force", "of_height", "of_jerk", "of_speed"]
@@ -28,7 +29,7 @@ def of_speed(trial: Trial) -> Iterator[Chart]:
 
 def of_jerk(t_s: FloatArray, jerk_m_s3: FloatArray) -> Iterator[Chart]:
     """The jerk of the tool around each sample that counts, in the order of time."""
-    times, first = np.unique(t_s, return_index=True)
+    times, first = first_of_each(t_s)
     kept = jerk_m_s3[first]
     finite = np.isfinite(kept)
     if finite.any():

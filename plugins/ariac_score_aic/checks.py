@@ -25,7 +25,7 @@ from ariac_score import (
 )
 from ariac_score_aic import charts
 from ariac_score_aic.consumption import Consumed, consumed_of
-from ariac_score_aic.jerk import MeanJerk, jerk_of_poses, jerk_of_velocities, jerk_over_time
+from ariac_score_aic.jerk import MeanJerk, jerk_of_poses
 from ariac_score_aic.messages import CONTACTS, IntArray
 
 __all__ = ["Contacts", "ForceTime", "PathLength", "PolynomialJerk", "PoseJerk", "TaskTime"]
@@ -360,9 +360,9 @@ class PolynomialJerk:
         """The jerk around each sample that counts."""
         consumed = consumed_of(trial)
         if consumed is not None and consumed.messages.recorded_ns is not None:
-            t_s, jerk = jerk_over_time(*consumed.velocities, window=self.window, gate_m_s=self.gate_m_s)
+            found = consumed.jerk(self.window, self.gate_m_s)
             begin_s = consumed.messages.recorded_ns[0] / 1e9 - consumed.later_s
-            yield from charts.of_jerk(t_s - begin_s, jerk)
+            yield from charts.of_jerk(found.at_s - begin_s, found.jerk_m_s3)
 
     def judge(self, trial: Trial, item: WorkItem) -> Iterator[Finding]:
         """One finding about the task."""
@@ -370,7 +370,7 @@ class PolynomialJerk:
         if consumed is None:
             yield Finding.inconclusive(item.id, NO_RECORDING)
             return
-        found = jerk_of_velocities(*consumed.velocities, window=self.window, gate_m_s=self.gate_m_s)
+        found = consumed.jerk(self.window, self.gate_m_s)
         yield _of_jerk(item, found, undecided=self.unseen == "open" and not found.samples)
 
 

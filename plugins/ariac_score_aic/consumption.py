@@ -14,11 +14,15 @@ from ariac_score_aic.chains import (
     Feed,
     Poses,
     at_every_stamp,
+    distinct,
     final_buffer,
     lengths_m,
     poses_while_reading,
+    stamps_asked,
+    taken,
     with_link,
 )
+from ariac_score_aic.jerk import MeanJerk, jerk_of_velocities
 from ariac_score_aic.messages import (
     SCORING_STATIC,
     SCORING_TF,
@@ -149,17 +153,26 @@ class Consumed(Record):
         return final_buffer(self.linked, self.feed, names)
 
     @cached_property
+    def sound(self) -> Transforms:
+        """The transforms of the recording that tf2 takes."""
+        return taken(self.messages.transforms, self.feed)
+
+    @cached_property
     def linked(self) -> Transforms:
-        """The transforms of the recording, with the link of the world that is added when all is read."""
-        recorded = self.messages.transforms
-        return recorded if self.how.both_ends else with_link(recorded, "world", self.how.reference_frame)
+        """The same, with the link of the world that is added when all is read."""
+        return self.sound if self.how.both_ends else with_link(self.sound, "world", self.how.reference_frame)
+
+    @cached_property
+    def asked_ns(self) -> IntArray:
+        """The stamps of the moving tf topics."""
+        return stamps_asked(self.messages.transforms, self.feed)
 
     @cached_property
     def poses(self) -> Poses:
         """The poses of the gripper in the order in which they were appended."""
         target, source = self.how.reference_frame, self.how.gripper_frame
         if self.how.poses_while_reading:
-            return poses_while_reading(self.messages.transforms, self.feed, target, source)
+            return poses_while_reading(self.messages.transforms, self.sound, self.feed, target, source)
         return self.poses_after
 
     @cached_property
@@ -169,7 +182,8 @@ class Consumed(Record):
 
     def places_of(self, frame: str) -> Poses:
         """Where a frame is in the reference frame, at every stamp of the tf topics."""
-        return at_every_stamp(self.linked, self.buffer, self.feed, self.how.reference_frame, frame)
+        target = self.how.reference_frame
+        return at_every_stamp(self.asked_ns, self.linked, self.buffer, self.feed, target, frame)
 
     @cached_property
     def span_ns(self) -> Between:
@@ -190,6 +204,17 @@ class Consumed(Record):
         stamps = states.stamp_ns[kept]
         # As the scorer has them: its forces have stamps of another rounding.
         return stamps // 10**9 + (stamps % 10**9) * 1e-9, states.velocity_m_s[kept]
+
+    def jerk(self, window: int, gate_m_s: float) -> MeanJerk:
+        """The tool's mean jerk by its velocities, worked out once for each window and gate."""
+        if (window, gate_m_s) not in self._jerks:
+            found = jerk_of_velocities(*self.velocities, window=window, gate_m_s=gate_m_s)
+            self._jerks[window, gate_m_s] = found
+        return self._jerks[window, gate_m_s]
+
+    @cached_property
+    def _jerks(self) -> dict[tuple[int, float], MeanJerk]:
+        return {}
 
     @cached_property
     def forces(self) -> tuple[IntArray, FloatArray]:
@@ -220,7 +245,7 @@ class Consumed(Record):
     def stamps_between(self, between: Between) -> list[int]:
         """The moments of a stretch at which transforms were stamped, with its ends; some of too many."""
         first_ns, last_ns = between
-        stamps = np.unique(self.messages.transforms.stamp_ns)
+        stamps = distinct(self.messages.transforms.stamp_ns)
         inside = stamps[(stamps > first_ns) & (stamps < last_ns)]
         step = max(len(inside) // _MOST_MOMENTS, 1)
         return sorted({first_ns, *inside[::step].tolist(), last_ns})

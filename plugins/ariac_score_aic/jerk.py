@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ariac_score import FloatArray
 
-__all__ = ["MeanJerk", "jerk_of_poses", "jerk_of_velocities", "jerk_over_time"]
+__all__ = ["MeanJerk", "jerk_of_poses", "jerk_of_velocities"]
 
 _LEAST_WEIGHT_S = 1e-6
 """Below this sum of weights the scorer gives no jerk. Source: `ScoringTier2.cc`, line 633."""
@@ -25,12 +25,16 @@ class MeanJerk:
         samples: How many samples there were.
         counted: At how many of them the tool moved fast enough to count.
         why_not: Why there is none, in words.
+        at_s: When the tool moved fast enough, s.
+        jerk_m_s3: The magnitude of jerk then.
     """
 
     value_m_s3: float | None
     samples: int
     counted: int
     why_not: str = ""
+    at_s: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
+    jerk_m_s3: FloatArray = field(default_factory=lambda: np.empty(0), compare=False)
 
 
 def jerk_of_velocities(
@@ -57,17 +61,7 @@ def jerk_of_velocities(
     centres = np.arange(half, count - half)
     centres = centres[speeds[half : count - half] > gate_m_s]
     magnitudes, weights = _fitted(t_s, velocity_m_s, centres, window)
-    return _mean(magnitudes, weights, count)
-
-
-def jerk_over_time(
-    t_s: FloatArray, velocity_m_s: FloatArray, *, window: int, gate_m_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """The magnitude of jerk at each sample that counts in the mean: s, and m/s^3."""
-    half = window // 2
-    centres = np.arange(half, len(t_s) - half)
-    centres = centres[np.sqrt((velocity_m_s[centres] ** 2).sum(axis=1)) > gate_m_s]
-    return t_s[centres], _fitted(t_s, velocity_m_s, centres, window)[0]
+    return replace(_mean(magnitudes, weights, count), at_s=t_s[centres], jerk_m_s3=magnitudes)
 
 
 def _mean(magnitudes: FloatArray, weights: FloatArray, samples: int) -> MeanJerk:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ariac_score import Body, FloatArray, Quantity, Signal, Trial
-from ariac_score_aic.chains import Poses
+from ariac_score_aic.chains import Poses, first_of_each
 from ariac_score_aic.consumption import Consumed
 from ariac_score_aic.messages import CONTACTS, CONTROLLER, IntArray
 
@@ -68,7 +68,7 @@ def _signal(
     consumed: Consumed, name: str, unit: str, stamp_ns: IntArray, values: FloatArray, source: str
 ) -> Iterator[Signal]:
     """The signal of that name; none without a sample that is finite and stamped within the recording."""
-    stamps, first = np.unique(stamp_ns, return_index=True)
+    stamps, first = first_of_each(stamp_ns)
     kept = values[first]
     finite = np.isfinite(kept) if kept.ndim == 1 else np.isfinite(kept).all(axis=1)
     recorded = consumed.messages.recorded_ns
