@@ -24,7 +24,8 @@ def register(commands: Any) -> None:
         "competition",
         help="write a competition.yaml of the recordings below a folder",
         description="Of each folder directly below RESULTS a team (or policy) is made, of each recording in "
-        f"it a run of its trial, in the order of their names, such as {_NAMES}.",
+        f"it a run of its trial, in the order of their names, such as {_NAMES}; likewise of the "
+        "recordings of the finals, <team>/final_eval/<trial>/<run>/*.mcap.",
     )
     listed.add_argument("results", type=Path, metavar="RESULTS")
     listed.add_argument(
@@ -85,3 +86,7 @@ def _runs(root: Path, *, paired: bool) -> Iterator[dict[str, str | int]]:
             seen[team.name, trial] += 1
             path = bag.relative_to(root).as_posix()
             yield {"team": team.name, "trial": trial, "run": seen[team.name, trial], "path": path}
+        # The finals: one recording for each cable, so each is a trial of its own.
+        for file in sorted(team.glob("final_eval/*/*/*.mcap")):
+            trial = ".".join((*file.relative_to(team / "final_eval").parent.parts, file.stem))
+            yield {"team": team.name, "trial": trial, "run": 1, "path": file.relative_to(root).as_posix()}

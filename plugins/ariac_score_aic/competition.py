@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, TypeVar
 
@@ -20,7 +20,7 @@ from ariac_score import (
 )
 from ariac_score_aic.consumption import Consumed, Consumption
 from ariac_score_aic.finals import insertions_of
-from ariac_score_aic.messages import AicMessages
+from ariac_score_aic.messages import CONTACTS, CONTROLLER, EVENT, SCORING_TF, TF, AicMessages
 from ariac_score_aic.run_config import PlannedTrial, RunConfig
 from ariac_score_aic.scoring_file import OfficialRun, official_of, times_from
 from ariac_score_aic.signals import NO_HUMAN, with_signals
@@ -146,6 +146,8 @@ class Aic:
             trial = with_signals(replace(trial, records=(*trial.records, consumed)), consumed)
             if self.ends != "finals":  # in a real cell there may be people whom no topic shows
                 trial = replace(trial, witnessed=trial.witnessed | {NO_HUMAN})
+        if config is not None and messages is not None:
+            notes = (*notes, *_unlisted(config, self.wrench_topic))
         shown = official_of(official, name) if official else None
         if official is not None and shown is None and messages is not None:
             notes = (*notes, _other_run(name, official))
@@ -252,6 +254,16 @@ def _times(
         return own, ()
     words = f"{own.source} and {implied.source} state different durations or ends of {name}; the first counts"
     return own, (LogDefect("contradicting_times", name, 1, words),)
+
+
+def _unlisted(config: RunConfig, wrench_topic: str) -> Iterator[LogDefect]:
+    """The topics of a score that a configuration leaves out, where it lists any."""
+    missing = [
+        t for t in (TF, SCORING_TF, CONTROLLER, wrench_topic, CONTACTS, EVENT) if t not in config.topics
+    ]
+    if config.topics and missing:
+        words = f"scoring.topics leaves out {', '.join(missing)}: the engine records and scores none of it"
+        yield LogDefect("unlisted_topics", config.file, len(missing), words)
 
 
 def _other_run(name: str, official: OfficialRun) -> LogDefect:

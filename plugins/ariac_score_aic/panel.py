@@ -69,6 +69,7 @@ def _side(result: Result) -> dict[str, Any] | None:
         "height": _TALL,
         "away": f"{float(away_m[0]):.3f} m",
         "up": f"{float(up_m[0]):.3f} m",
+        "end": f"{float(up_m[-1]):.4f} m",
         "tick": round(_EDGE + scale * 0.1, 1),
     }
 
@@ -102,7 +103,8 @@ _TEMPLATE = """\
 <text x="{{ side.tick + 6 }}" y="{{ side.height - 2 }}" font-size="12">0.1 m</text>
 </svg>
 <figcaption>The plug from the side: across, how far it is from the port horizontally; upwards, how high above
-it. It began {{ side.away }} away and {{ side.up }} above.</figcaption>
+it, within a centimetre. It began {{ side.away }} away and {{ side.up }} above, and ended {{ side.end }}
+above.</figcaption>
 </figure>
 {% endif %}
 """

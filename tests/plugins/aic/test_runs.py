@@ -357,6 +357,19 @@ def test_without_a_topic_of_forces_none_counts_as_coded_and_all_is_open_strictly
     assert interval(strict)[1] - interval(strict)[0] >= 12
 
 
+def test_a_configuration_that_lists_no_topic_of_forces_is_noted(tmp_path: Path) -> None:
+    bag = run_of(tmp_path, scene((0, 0, 0.3)))
+    listed = [{"topic": {"name": name}} for name in (*ALL_TOPICS, "/scoring/tf") if "wrench" not in name]
+    config = tmp_path / "engine_config.yaml"
+    config.write_text(
+        config.read_text(encoding="utf-8") + yaml.safe_dump({"scoring": {"topics": listed}}), encoding="utf-8"
+    )
+
+    defects = score_trial(bag, CODED).measured.log_defects
+    (said,) = [one.message for one in defects if one.kind == "unlisted_topics"]
+    assert "leaves out /fts_broadcaster/wrench:" in said
+
+
 def test_without_states_of_the_controller_the_result_says_that_no_force_counts(tmp_path: Path) -> None:
     messages = [m for m in scene((0, 0, 0.3)) if "tcp_velocity_linear" not in m]
     topics = [t for t in ALL_TOPICS if t != "/aic_controller/controller_state"]
@@ -469,6 +482,16 @@ def test_a_run_of_the_finals_is_found_in_the_folders_of_its_team(tmp_path: Path)
     file.rename(run / "rosbag.mcap")
     shutil.rmtree(run / "bag")
 
+    assert main(["aic", "competition", str(tmp_path), "--rules", "aic2026.finals_force"]) == 0
+    listed = yaml.safe_load((tmp_path / "competition.yaml").read_text(encoding="utf-8"))["runs"]
+    assert listed == [
+        {
+            "team": "reds",
+            "trial": "trial_1.run_1.rosbag",
+            "run": 1,
+            "path": "reds/final_eval/trial_1/run_1/rosbag.mcap",
+        }
+    ]
     assert score_trial(run / "rosbag.mcap", "aic2026.finals_force").score == -12
     assert score_trial(run, "aic2026.finals_force").score == -12
 
