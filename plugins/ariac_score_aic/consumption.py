@@ -43,6 +43,8 @@ __all__ = ["Consumed", "Consumption", "Plug", "consumed_of"]
 _MARGIN_S = 5.0
 """By so much the buffer outlasts the longest time limit. Source: `aic_engine.cpp`, 1318 (PR 218)."""
 
+_DRAWN_NS = 20_000_000
+"""Places that no score rests on are looked up so often."""
 _MOST_MOMENTS = 200
 """At so many moments it is looked where a plug can have been when the task began or ended."""
 
@@ -178,12 +180,16 @@ class Consumed(Record):
     @cached_property
     def poses_after(self) -> Poses:
         """The poses of the gripper at every stamp of the tf topics, asked for when all is read."""
-        return self.places_of(self.how.gripper_frame)
+        return self._places_of(self.how.gripper_frame, self.asked_ns)
 
     def places_of(self, frame: str) -> Poses:
-        """Where a frame is in the reference frame, at every stamp of the tf topics."""
+        """Where a frame is in the reference frame, 50 times a second: for what is drawn and watched."""
+        bins = self.asked_ns // _DRAWN_NS
+        return self._places_of(frame, self.asked_ns[np.diff(bins, prepend=-1) > 0])
+
+    def _places_of(self, frame: str, at_ns: IntArray) -> Poses:
         target = self.how.reference_frame
-        return at_every_stamp(self.asked_ns, self.linked, self.buffer, self.feed, target, frame)
+        return at_every_stamp(at_ns, self.linked, self.buffer, self.feed, target, frame)
 
     @cached_property
     def span_ns(self) -> Between:

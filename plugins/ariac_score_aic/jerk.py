@@ -16,6 +16,10 @@ _LEAST_WEIGHT_S = 1e-6
 """Below this sum of weights the scorer gives no jerk. Source: `ScoringTier2.cc`, line 633."""
 
 
+_CLEAR = 1e-4
+"""Squares of times that differ from straight lines by a larger share lose no digits that count."""
+
+
 @dataclass(frozen=True)
 class MeanJerk:
     """A weighted mean of magnitudes of jerk.
@@ -86,7 +90,19 @@ def _fitted(
     scale = np.where(scale > 0, scale, 1.0)
     distinct = (np.diff(np.sort(offsets, axis=1), axis=1) > 0).sum(axis=1) + 1
     jerk = np.zeros((len(centres), 3))
-    full = np.flatnonzero(distinct >= 3)
+    # What is left of t² beside 1 and t gives its coefficient; where next to nothing is, a factorisation does.
+    u = offsets / scale[:, np.newaxis]
+    square = u * u
+    straight = u - u.mean(axis=1, keepdims=True)
+    left = square - square.mean(axis=1, keepdims=True)
+    norm = (straight * straight).sum(axis=1)
+    share = (straight * left).sum(axis=1) / np.where(norm > 0, norm, 1.0)
+    left -= straight * share[:, np.newaxis]
+    size = (left * left).sum(axis=1)
+    clear = (distinct >= 3) & (size > _CLEAR * (square * square).sum(axis=1))
+    sums = np.einsum("nj,njk->nk", left[clear], velocity_m_s[at[clear]])
+    jerk[clear] = 2.0 * sums / size[clear][:, np.newaxis] / scale[clear][:, np.newaxis] ** 2
+    full = np.flatnonzero((distinct >= 3) & ~clear)
     if len(full):
         u = offsets[full] / scale[full][:, np.newaxis]
         basis = np.stack([np.ones_like(u), u, u * u], axis=2)

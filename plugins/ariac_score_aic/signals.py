@@ -48,7 +48,7 @@ def _signals(consumed: Consumed) -> Iterator[Signal]:
     at_ns = consumed.messages.contact_ns
     touched = np.isin(at_ns, consumed.messages.contacts.log_ns).astype(np.float64)
     yield from _signal(consumed, f"off_limit_contact/{TOOL}", "1", at_ns, touched, CONTACTS)
-    yield from _place(consumed, TOOL, consumed.poses_after)
+    yield from _place(consumed, TOOL, consumed.places_of(consumed.how.gripper_frame))
     if consumed.connections:
         frames = consumed.frames_of(consumed.connections[0])
         for name, frame in zip((PLUG, PORT), frames[:2], strict=True):
