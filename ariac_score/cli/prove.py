@@ -21,7 +21,7 @@ from ariac_score.review.proofs.certificate import (
     compare,
 )
 from ariac_score.review.proofs.proving import DEFAULT_CASES, prove
-from ariac_score.review.proofs.solver import find_solver, solver_version
+from ariac_score.review.proofs.solver import find_solver
 from ariac_score.review.proofs.subject import subject_of
 from ariac_score.scoring.extending import path_of_rule_set
 from ariac_score.terminal.output import refuse_inputs, write
@@ -76,9 +76,9 @@ def run_prove(arguments: argparse.Namespace) -> int:
     subject = subject_of(arguments.name, registry)
     if arguments.output is not None and not subject.is_penalty:
         refuse_inputs(arguments.output, path_of_rule_set(arguments.name, Path(), registry))
-    cases, seed = arguments.cases, arguments.seed
-    judged = prove(subject, cases=cases, seed=seed, solver=find_solver())
-    made = certificate(subject, judged, cases=cases, seed=seed, solver=solver_version())
+    cases, seed, solver = arguments.cases, arguments.seed, find_solver()
+    judged = prove(subject, cases=cases, seed=seed, solver=solver)
+    made = certificate(subject, judged, cases=cases, seed=seed, solver=solver)
     if arguments.output is not None:
         write(certificate_json(made), arguments.output)
     for line in _lines(made, style_for(sys.stdout)):
@@ -101,6 +101,8 @@ def _lines(made: Certificate, style: Style) -> Iterator[str]:
         yield f"  {style(f'{_WORDS[law.verdict]:<10}', _LOOKS[law.verdict])}{law.says}{by}"
         for line in _reasons(law):
             yield f"            {plain(line)}"
+    for border in made.borders:
+        yield f"  border    {plain(border)}"
 
 
 def _reasons(law: Law) -> Iterator[str]:

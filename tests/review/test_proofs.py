@@ -15,13 +15,16 @@ from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.prices import ALL_LAWS, PRICE_LAWS
 from ariac_score.review.laws.reference import DEFAULT
 from ariac_score.review.proofs import certificate as certificate_module
+from ariac_score.review.proofs.borders import borders
 from ariac_score.review.proofs.by_types import BY_TYPES
 from ariac_score.review.proofs.grades import Grades
+from ariac_score.review.proofs.laws_page import laws_table, must_be_proven
 from ariac_score.review.proofs.proving import prove
 from ariac_score.review.proofs.quantities import Quantity
 from ariac_score.review.proofs.solver import BY_SOLVER, find_solver
 from ariac_score.review.proofs.subject import Subject, subject_of
 from ariac_score.review.proofs.tree import Known, Node, Op, Taken
+from ariac_score.scoring.ruleset import rule_set_names
 from ariac_score.scoring.signs import Sign
 
 REGISTRY = Registry()
@@ -268,7 +271,6 @@ def test_without_the_solver_a_law_is_open_and_says_so(
     assert "PROVEN    more violations never help (by solver)" in capsys.readouterr().out
     for module in (prove_command, certificate_module):
         monkeypatch.setattr(module, "find_solver", lambda: None)
-        monkeypatch.setattr(module, "solver_version", lambda: "")
 
     assert main(["rules", "prove", str(rules), "--cases", "0"]) == 6
     assert "pip install 'ariac-score[prove]'" in " ".join(capsys.readouterr().out.split())
@@ -375,3 +377,52 @@ def test_a_certificate_is_not_held_against_a_log(tmp_path: Path, capsys: pytest.
 
     assert main(["verify", str(file), "--log", str(tmp_path)]) == 4
     assert "about a rule set, not about a log" in capsys.readouterr().err
+
+
+# Borders -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("score", "border"),
+    [
+        ("earned / (1 + demerits)", "going on pays iff e/E >= d/(1+D):"),
+        ("earned - 3 * demerits", "going on pays iff e >= 3 * d:"),
+    ],
+)
+def test_from_which_size_on_a_piece_of_work_pays(score: str, border: str, tmp_path: Path) -> None:
+    (tmp_path / "made.yaml").write_text(
+        RULES.replace("sum(submission.kit)}", "sum(submission.kit), demerits: seconds(separation)}").replace(
+            "SCORE", score
+        ),
+        encoding="utf-8",
+    )
+
+    found = borders(subject_of(str(tmp_path / "made.yaml"), REGISTRY), find_solver())
+
+    assert found[-1].startswith(border)
+
+
+def test_what_the_slightest_violation_costs(tmp_path: Path) -> None:
+    found = borders(made(tmp_path, "earned * (1 - 0.25 * violated(separation))"), None)
+
+    assert found == ("one sample of separation, hardly violated, takes 25 % of a piece",)
+
+
+# Shipped rule sets ---------------------------------------------------------------------
+
+PAGE = Path(__file__).parents[2] / "docs/laws.md"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", rule_set_names())
+def test_what_must_be_proven_of_a_shipped_rule_set_is(name: str) -> None:
+    subject = subject_of(name, REGISTRY)
+    found = {one.law.name: one.verdict for one in prove(subject, cases=0, solver=find_solver())}
+
+    assert {law: found[law] for law in must_be_proven(subject) if found[law] in ("refuted", "open")} == {}
+
+
+@pytest.mark.slow
+def test_the_table_of_laws_is_up_to_date() -> None:
+    """Written by `laws_table()`."""
+    assert laws_table() in PAGE.read_text(encoding="utf-8")

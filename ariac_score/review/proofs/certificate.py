@@ -19,8 +19,9 @@ from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import ResultError
 from ariac_score.review.laws.words import trial_in_words
+from ariac_score.review.proofs.borders import borders
 from ariac_score.review.proofs.proving import Judged, prove
-from ariac_score.review.proofs.solver import find_solver, solver_version
+from ariac_score.review.proofs.solver import Solver, find_solver, solver_version
 from ariac_score.review.proofs.subject import Subject, subject_of
 
 __all__ = ["Certificate", "Difference", "Law", "certificate", "certificate_in", "certificate_json", "compare"]
@@ -66,6 +67,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="sc
         seed: Where their random numbers start.
         solver: Name and version of the solver; empty where none was installed.
         laws: Every law.
+        borders: Up to where laws that exclude each other hold, each in a sentence.
     """
 
     program: str
@@ -75,6 +77,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="sc
     seed: int
     solver: str
     laws: tuple[Law, ...]
+    borders: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,11 +98,13 @@ class Difference:
 
 
 def certificate(
-    subject: Subject, judged: tuple[Judged, ...], *, cases: int, seed: int, solver: str = ""
+    subject: Subject, judged: tuple[Judged, ...], *, cases: int, seed: int, solver: Solver | None
 ) -> Certificate:
-    """The certificate of what was found."""
+    """The certificate of what was found with a solver, or with none."""
     laws = tuple(_law(subject, one) for one in judged)
-    return Certificate(_VERSION, _id(subject), subject.rule_set.sha256, cases, seed, solver, laws)
+    name = solver_version() if solver else ""
+    known = borders(subject, solver)
+    return Certificate(_VERSION, _id(subject), subject.rule_set.sha256, cases, seed, name, laws, known)
 
 
 def _id(subject: Subject) -> str:
@@ -171,7 +176,7 @@ def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Diff
         yield Difference("program", f"made by version {found.program}, checked by {_VERSION}", is_fault=False)
     solver = find_solver()
     judged = prove(subject, cases=found.cases, seed=found.seed, solver=solver)
-    here = certificate(subject, judged, cases=found.cases, seed=found.seed, solver=solver_version())
+    here = certificate(subject, judged, cases=found.cases, seed=found.seed, solver=solver)
     proven = {law.law: law for law in here.laws}
     for law in found.laws:
         other = proven.pop(law.law, None)
@@ -186,6 +191,8 @@ def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Diff
             yield Difference(law.law, _differing(law, other))
     for name in proven:
         yield Difference(name, "the certificate leaves it out")
+    if here.solver == found.solver and here.borders != found.borders:
+        yield Difference("borders", f"they are: {'; '.join(here.borders) or 'none'}")
 
 
 def _unlike_solvers(stated: str, here: str) -> str:

@@ -17,7 +17,7 @@ from ariac_score.review.proofs.quantities import DURATION, FACT, VIOLATIONS, Qua
 from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, bare, inputs_of, parts_of, text
 from ariac_score.scoring.signs import Typed
 
-__all__ = ["adds_up", "going_on_pays"]
+__all__ = ["adds_up", "going_on_pays", "works"]
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class _NotKnownError(Exception):
 
 def going_on_pays(tree: Term) -> tuple[bool, tuple[str, ...]]:
     """Whether one more piece, equal to those before it, never lowers the score; and why, or why not."""
-    works = set(_works(tree))
-    if len(works) > 1 and any(Grades().of(work).typed.least < 0 for work in works):
+    earning = set(works(tree))
+    if len(earning) > 1 and any(Grades().of(work).typed.least < 0 for work in earning):
         return False, ("work earns in several places, of which one may be below 0",)
     try:
         found = _of(tree)
@@ -64,12 +64,13 @@ def _is_work(node: Node) -> bool:
     return earns and bool(of) and adds_up(node)
 
 
-def _works(node: Node) -> Iterator[Node]:
+def works(node: Node) -> Iterator[Node]:
+    """What pieces of work earn, wherever a tree has it."""
     if _is_work(node):
         yield bare(node)
     else:
         for part in parts_of(node):
-            yield from _works(part)
+            yield from works(part)
 
 
 def _without_work(tree: Term) -> float:

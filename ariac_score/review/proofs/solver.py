@@ -25,7 +25,7 @@ from ariac_score.review.proofs.subject import Subject
 from ariac_score.review.proofs.tree import Known, Node, Op, Taken, Term, bare, inputs_of, text
 from ariac_score.scoring.signs import Sign, Typed
 
-__all__ = ["BY_SOLVER", "Answer", "Solver", "find_solver", "solver_version"]
+__all__ = ["BY_SOLVER", "Answer", "Solver", "find_solver", "score_with", "solver_version"]
 
 _OTHER_RUNS = Taken(Quantity("further runs", FACT))
 _STEPS = 4_000_000
@@ -119,11 +119,14 @@ class _Trial:
     numbers: dict[str, Any] = field(default_factory=dict)
     ranges: dict[Node, tuple[Any, Grade]] = field(default_factory=dict)
     works: set[Node] = field(default_factory=set)
+    given: dict[Node, Any] = field(default_factory=dict)
     _known: dict[Node, Any] = field(default_factory=dict)
 
     def of(self, node: Node) -> Any:
         """A tree as a term."""
         node = bare(node)
+        if node in self.given:
+            return self.given[node]
         if node not in self._known:
             self._known[node] = self._of(node)
         return self._known[node]
@@ -277,6 +280,15 @@ def _ordered(before: Any, after: Any, grade: Grade, changed: frozenset[str], nod
     if signs == {Sign.UP}:
         return [after >= before]
     return [after <= before] if signs == {Sign.DOWN} else []
+
+
+def score_with(
+    solver: Solver, subject: Subject, numbers: Mapping[Node, Any], pins: Mapping[str, float]
+) -> Any:
+    """The score as a term of the solver, where some of its parts are given numbers."""
+    trial = _Trial(solver, {}, frozenset({VIOLATIONS}), "", [], pins=pins)
+    trial.given = dict(numbers)
+    return trial.of(subject.tree)
 
 
 def more_violations(solver: Solver, subject: Subject) -> Answer:
