@@ -84,8 +84,10 @@ class ScoreSteps:
     def __init__(self, seen: Iterable[ScoreSeen], *, until_s: float, unseen_drops: float) -> None:
         messages = sorted(seen, key=lambda message: message.t_s)
         self._messages = [message for message in messages if message.t_s < until_s]
-        self._times = [message.t_s for message in self._messages]
         falls = sum(max(a.points - b.points, 0.0) for a, b in pairwise(self._messages))
+        if falls > unseen_drops:  # nothing lowers it so far: somebody else publishes it as well
+            self._messages = []
+        self._times = [message.t_s for message in self._messages]
         self._unseen = max(unseen_drops - falls, 0.0)
 
     def worth(self, t_s: float, others_s: Sequence[float]) -> tuple[float, float] | None:

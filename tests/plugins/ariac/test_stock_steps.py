@@ -120,6 +120,17 @@ def test_two_deliveries_within_one_step_share_it_and_name_nothing() -> None:
     assert left_open(found) == {"a", "b"}
 
 
+def test_a_score_that_another_node_publishes_as_well_says_nothing() -> None:
+    """The simulator's own stays at 0, for the kit was nobody's; of 2020 nothing lowers a score."""
+    own, forged = score_course(), score_course((20.0, 4.0))
+    between = [replace(seen, t_s=seen.t_s + 0.02) for seen in forged]
+    both = sorted([*own, *between], key=lambda seen: seen.t_s)
+    found = named([(20.0, "agv1")], [TWO], course=both, kits={"agv1": [RED]})
+
+    assert names(found) == {}
+    assert left_open(found) == {"a", "b"}
+
+
 def test_an_order_after_the_first_counts_three_times() -> None:
     """The gear of order_1 is worth 3 times 1 to 3 times 4, that of order_0 1 to 4."""
     orders = [
