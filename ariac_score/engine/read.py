@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -219,10 +219,37 @@ def read_trial(
     if competition and hasattr(own, "join"):
         own = _Guarded(competition)
     _refuse_without_record(bundle)
-    sources = source_quantities(quantities)
+    wanted = Wanted(
+        log_map,
+        source_quantities(quantities),
+        jobs=jobs,
+        partial=partial,
+        decoders=decoders,
+        tracks=tracks,
+    )
+    parts = _read_parts(bundle, readers, wanted, progress)
+    trial = merge_trials(
+        parts[0].id if len(parts) == 1 else bundle.id,
+        [*parts, *_stated_by(log_map)],
+        file=bundle.root,
+        competition=own,
+    )
+    _refuse_ended_run(trial, bundle)  # before the work is missed: a run that crashed has none
+    if competition and hasattr(competition.check, "complete"):
+        trial = call_hook(competition.plugin, competition.check.complete, trial)
+    if work and not trial.work:
+        raise no_work_found(bundle, trial, words_of(competition), log_map)
+    progress(1.0)
+    return trial
+
+
+def _read_parts(
+    bundle: Bundle, readers: Mapping[str, Reader], wanted: Wanted, progress: Progress
+) -> list[Trial]:
+    """What each part of a bundle shows, in their order."""
     trials: dict[int, Trial] = {}
     # Recordings last: what the other files state of the trial may stand in names of the log map.
-    facts: dict[str, Fact] = dict(log_map.facts)
+    facts: dict[str, Fact] = dict(wanted.log_map.facts)
     given = {part.role for part in bundle.parts if part.given}
     order = sorted(enumerate(bundle.parts), key=lambda numbered: numbered[1].role == "log")
     for done_before, (number, part) in enumerate(order):
@@ -230,20 +257,29 @@ def read_trial(
         def step(done: float, before: int = done_before) -> None:
             progress((before + done) / len(bundle.parts))
 
-        own_map = log_map.filled(facts) if part.role == "log" else log_map
-        wanted = Wanted(own_map, sources, decoders, step, part.run, jobs, tracks, partial)
+        own_map = wanted.log_map.filled(facts) if part.role == "log" else wanted.log_map
+        own = replace(wanted, log_map=own_map, progress=step, run=part.run)
         named = name_from(bundle.folder, part.path)
         origin = FileOrigin(_folder_of(part) if named == "." else named, part.role, part.given)
-        trials[number] = known_part(replace(readers[part.reader].read(part.path, wanted), origin=origin))
+        trials[number] = known_part(replace(readers[part.reader].read(part.path, own), origin=origin))
         # Not what lies beside what the caller gave: it counts for nothing.
         facts |= {} if part.role == "log" or (part.role in given and not part.given) else trials[number].facts
-    name = trials[0].id if len(trials) == 1 else bundle.id
-    in_order = [trials[number] for number in range(len(trials))]
+    return [trials[number] for number in range(len(trials))]
+
+
+def _stated_by(log_map: LogMap) -> Iterator[Trial]:
+    """What a log map states of the trial, as a part of it."""
     if log_map.facts:
         origin = FileOrigin(f"log map {log_map.id}", "log_map", given=True)
-        in_order.append(Trial(f"log map {log_map.id}", facts=log_map.facts, origin=origin))
-    trial = merge_trials(name, in_order, file=bundle.root, competition=own)
-    # Before the work is missed: a run that crashed has none, and a ranking counts it as 0.
+        yield Trial(f"log map {log_map.id}", facts=log_map.facts, origin=origin)
+
+
+def _refuse_ended_run(trial: Trial, bundle: Bundle) -> None:
+    """Refuse a run that ended without a score and without work, which a ranking counts as 0.
+
+    Raises:
+        RunEndedError: Naming how it ended.
+    """
     if not trial.work and trial.official is not None and trial.official.outcome in ENDED_WITHOUT_SCORE:
         raise RunEndedError(
             ENDED_WITHOUT_SCORE[trial.official.outcome],
@@ -251,12 +287,6 @@ def read_trial(
             file=bundle.root,
             hint="repeat the run; a ranking counts it as 0, by name",
         )
-    if competition and hasattr(competition.check, "complete"):
-        trial = call_hook(competition.plugin, competition.check.complete, trial)
-    if work and not trial.work:
-        raise no_work_found(bundle, trial, words_of(competition), log_map)
-    progress(1.0)
-    return trial
 
 
 def no_work_found(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -> NothingToScoreError:

@@ -30,7 +30,7 @@ class Cut:
             went on.
         work_open: Why more may have been asked for than is known, in words; empty where that is stated
             elsewhere, or nothing hangs on it.
-        official: Whether an official record of the trial is whole, in a file of its own.
+        official: Whether an official record of the trial is whole, in a file of its own, or none was lost.
     """
 
     file: str

@@ -78,7 +78,7 @@ def with_open_work(trial: Trial, parts: Sequence[Trial]) -> Trial:
         )
     elif changed := sorted(stated - {item.id for item in trial.work}):
         why = f"nobody knows whether {changed[0]!r} came, which changes what was asked for"
-    official = any(part.official is not None and not lacks_work(part) for part in parts)
+    official = cut.official or any(part.official is not None and not lacks_work(part) for part in parts)
     return replace(trial, cut=replace(cut, work_open=why, official=official))
 
 

@@ -75,8 +75,14 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     defects += calls_without_content(parts)
     # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
     records = [record for part in parts for record in part.records] if from_stock else merged.records
+    cut = merged.cut
+    if cut is not None and not any(
+        isinstance(record, _READ_OFF) for part in parts for record in part.records
+    ):
+        cut = replace(cut, official=True)  # nothing of the log prints a verdict, so none was lost
     return replace(
         merged,
+        cut=cut,
         work=orders,
         submissions=submissions,
         team=_with_sensors(merged.team, counted),

@@ -275,6 +275,19 @@ def test_the_chunk_that_a_killed_recorder_was_writing_is_read_as_far_as_it_infla
     assert 5.0 < (result.measured.cut.until_s or 0.0) < 39.0
 
 
+def test_where_a_log_prints_no_verdict_none_was_lost(tmp_path: Path) -> None:
+    trial = kitting_trial()
+    log = write_log(tmp_path / "trial.jsonl", trial)
+    (tmp_path / "trial.yaml").write_text(configuration(trial))
+    data = log.read_bytes()
+    log.write_bytes(data[: len(data) // 2])
+    given = [tmp_path / "trial.yaml"]
+    result = score_trial(log, "ariac2020.as_coded", partial=True, also=given, root=tmp_path)
+
+    assert result.measured.cut is not None
+    assert result.measured.cut.official
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_wherever_a_log_is_cut_its_interval_contains_the_score_or_it_is_refused(
