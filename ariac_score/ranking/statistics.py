@@ -175,8 +175,8 @@ def _notes(
     if teams > 1 and told.differing < least:
         had = "1 trial" if told.differing == 1 else f"{told.differing} trials"
         yield (
-            f"{had} in which two teams differ: no number of points could have told {teams} teams apart on "
-            f"trials like these, which takes {least}"
+            f"with {had} in which two teams differ no number of points could tell {teams} teams apart on "
+            f"trials like these: that takes {least} such trials"
         )
     if teams > 1 and (runs.counts <= 1).all():
         yield "every trial was run once: nothing tells how another day would have gone on these trials"
@@ -226,7 +226,7 @@ def _described(runs: Sampled, spec: Spec) -> _Described | str:
     # A trial that nobody ran varies nothing, so it is none of those that are drawn from.
     trials = int(np.count_nonzero((runs.counts > 0).any(axis=0)))
     if trials < DESCRIBED_FROM:
-        return f"intervals and chances of ranks are left out: they take {DESCRIBED_FROM} trials"
+        return f"intervals of scores and chances of ranks need {DESCRIBED_FROM} trials, so there are none"
     several = runs.counts[runs.counts > 1]
     count, degrees = trials, trials - 1
     if declared.resample == "runs":

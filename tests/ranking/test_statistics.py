@@ -278,7 +278,7 @@ def test_one_trial_and_one_run_say_nothing() -> None:
     found = statistics({"A": [[3]], "B": [[2]]})
 
     assert [(odds.rank_low, odds.rank_high, odds.chances) for odds in found.teams] == [(1, 2, ())] * 2
-    assert "no number of points could have told 2 teams apart" in found.notes[0]
+    assert "no number of points could tell 2 teams apart" in found.notes[0]
     assert "nothing tells how another day would have gone" in found.notes[1]
 
 
@@ -315,7 +315,7 @@ def test_below_the_fewest_trials_nobody_is_told_apart_however_far_ahead(teams: s
         return statistics({team: [[1000 * -rank]] * trials for rank, team in enumerate(teams)})
 
     assert not any(p.told for p in found(fewest - 1).pairs)
-    assert f"which takes {fewest}" in found(fewest - 1).notes[0]
+    assert f"that takes {fewest}" in found(fewest - 1).notes[0]
     assert [p.told for p in found(fewest).pairs if p.first == "A"][:1] == ["A"]
     assert not any("no number of points" in note for note in found(fewest).notes)
 
@@ -325,7 +325,7 @@ def test_intervals_and_chances_take_fifteen_trials() -> None:
         return statistics({"A": [[k % 4] for k in range(trials)], "B": [[k % 3] for k in range(trials)]})
 
     assert (pair(found(14), "A", "B").chance, found(14).teams[0].execution) == (None, None)
-    assert any("they take 15 trials" in note for note in found(14).notes)
+    assert any("need 15 trials" in note for note in found(14).notes)
     assert pair(found(15), "A", "B").chance is not None
 
 
