@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import count
 from random import Random
@@ -24,10 +25,17 @@ def _without(honest: Honest, left_out: Iterable[Message]) -> Callable[[], Copy]:
 
 
 def messages_left_out(honest: Honest, seed: int) -> Iterator[Attempt]:
-    """Each message that says what happened or was ordered; latest first of each topic."""
+    """Each message that says what happened or was ordered; first what is between start and end, and rare."""
     rng = Random(f"messages:{seed}")  # noqa: S311  # no secrets are made of it
     told = [m for topic in honest.telling for m in honest.copy.of_topic(topic)]
-    told.sort(key=lambda m: (len(honest.copy.of_topic(m.connection.topic)), m.connection.topic, -m.stamp_ns))
+    often = Counter(m.connection.topic for m in told)
+    start_s, end_s = honest.window.start_s + 1e-3, honest.window.end_s - 1e-3
+
+    def unpromising(message: Message) -> tuple[bool, int, str, int]:
+        topic, t_s = message.connection.topic, honest.t_s(message)
+        return not start_s < t_s < end_s, often[topic], topic, -message.stamp_ns
+
+    told.sort(key=unpromising)
     for message in told:
         yield _one_left_out(honest, message)
     while len(told) > 2:
