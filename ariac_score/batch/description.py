@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import UsageError
 from ariac_score.results.codec import plain
 from ariac_score.results.result import Code, Pinned
@@ -20,6 +21,8 @@ __all__ = [
     "load_description",
     "refuse_other_version",
 ]
+
+_LARGEST_BYTES = 1 << 24
 
 DESCRIPTION = "batch.json"
 RULES = "rules.yaml"
@@ -80,7 +83,7 @@ def load_description(folder: Path, *, hint: str) -> BatchDescription:
     refuse_other_version(folder)
     file = folder / DESCRIPTION
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = json.loads(read_plain(file, _LARGEST_BYTES))
     except OSError as cause:
         raise UsageError("this is no folder of a batch", file=folder, hint=hint) from cause
     except (ValueError, RecursionError) as cause:
@@ -99,7 +102,7 @@ def refuse_other_version(folder: Path) -> None:
         UsageError: It is of another version.
     """
     try:
-        document = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+        document = json.loads(read_plain(folder / DESCRIPTION, _LARGEST_BYTES))
     except (OSError, ValueError, RecursionError):
         return
     schema = document.get("schema") if isinstance(document, dict) else None

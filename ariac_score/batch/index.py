@@ -251,6 +251,8 @@ class Rows:
 
 def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
     """The rows in a file with their lines; a damaged one is passed over, and its run looked at again."""
+    if not file.is_file():  # a pipe would be waited for
+        return
     try:
         with file.open(encoding="ascii", errors="replace") as lines:
             for line in lines:
@@ -269,6 +271,8 @@ def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
         BatchError: A line is no row, or a document is missing, damaged, or contradicts its row.
     """
     file = root / RUNS
+    if not file.is_file():
+        raise BatchError("it is no plain file, or not there", file=file, hint=AGAIN)
     with file.open(encoding="ascii", errors="replace") as lines:
         for number, line in enumerate(lines, start=1):
             try:

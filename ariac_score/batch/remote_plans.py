@@ -28,6 +28,7 @@ from ariac_score.batch.remote import (
     signature_of_stored,
 )
 from ariac_score.batch.tasks import BatchPlan, RunTask, of_shard, plan_batch
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.yaml import load_yaml
 from ariac_score.errors import DataFileError, NothingToScoreError, ScoreError, UsageError
 from ariac_score.ranking.competition import FILE
@@ -246,7 +247,7 @@ def _lines(file: Path) -> list[tuple[int, str]]:
                 file=file,
                 hint="split it into several lists",
             )
-        text = file.read_text(encoding="utf-8")
+        text = read_plain(file, _LARGEST_TEXT_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as cause:
         raise DataFileError(f"cannot be read: {cause}", file=file, hint="a list is a text file") from cause
     lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1)]

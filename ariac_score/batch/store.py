@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
-import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import UsageError
 from ariac_score.installed.system import lock as lock_file
 
@@ -142,15 +141,7 @@ def read_document(place: str | Path) -> bytes:
     Raises:
         OSError: It is not there, cannot be read, is a pipe or device, or is larger than any document.
     """
-    status = os.stat(place)  # noqa: PTH116  # faster than `Path`, and a season has thousands
-    if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, "it is no plain file")
-    if status.st_size > LARGEST_DOCUMENT_BYTES:
-        raise OSError(
-            errno.EFBIG, f"it has {status.st_size} bytes, and no result more than {LARGEST_DOCUMENT_BYTES}"
-        )
-    with open(place, "rb", buffering=0) as stored:  # noqa: PTH123
-        return stored.readall()
+    return read_plain(place, LARGEST_DOCUMENT_BYTES)
 
 
 def _clear_parts(folder: str) -> None:

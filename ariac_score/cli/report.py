@@ -17,10 +17,15 @@ from ariac_score.cli.site import (
     site_of_ranking,
 )
 from ariac_score.cli.stored import is_log, result_given
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import NoResultError, ResultError, UsageError
 from ariac_score.report.html.trial import embedded_result, trial_page
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.result_file import as_json
 from ariac_score.terminal.output import refuse_inputs, write
+
+_LARGEST_PAGE_BYTES = 4 * MAX_BYTES
+"""A page holds its result, and is larger."""
 
 
 def register(commands: Any) -> None:
@@ -66,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _kind(file: Path) -> str:
     """The kind of a file by its `schema`, such as `ariac-score/result`; empty without one."""
     try:
-        stored = json.loads(file.read_text(encoding="utf-8"))
+        stored = json.loads(read_plain(file, MAX_BYTES))
     except (OSError, ValueError, RecursionError):
         return ""  # reading it as a result reports what is wrong
     schema = stored.get("schema") if isinstance(stored, dict) else None
@@ -100,7 +105,7 @@ def _refuse_other_pages(file: Path) -> None:
         UsageError: It is something else.
     """
     try:
-        before = file.read_text(encoding="utf-8")
+        before = read_plain(file, _LARGEST_PAGE_BYTES).decode("utf-8")
     except FileNotFoundError:
         return
     except (OSError, UnicodeDecodeError):
@@ -116,7 +121,7 @@ def _refuse_other_pages(file: Path) -> None:
 def _extract(arguments: argparse.Namespace) -> int:
     hint = "give a page that 'ariac-score report' made of a trial's result"
     try:
-        stored = embedded_result(arguments.result.read_text(encoding="utf-8"))
+        stored = embedded_result(read_plain(arguments.result, _LARGEST_PAGE_BYTES).decode("utf-8"))
     except FileNotFoundError:
         raise NoResultError("no such file", file=arguments.result, hint="check the path") from None
     except (OSError, UnicodeDecodeError) as cause:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.cli.parser import leaves
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import DataFileError, UsageError, did_you_mean
 from ariac_score.terminal.style import plain
 
@@ -187,7 +188,10 @@ def _has_table(file: Path) -> bool:
     # Searched as text: a project's file that is malformed for reasons of its own is none of our business.
     with suppress(OSError):
         if file.stat().st_size <= MAX_BYTES:
-            return re.search(rb"(?m)^[ \t]*\[tool\.(\"?)ariac-score\1[\].]", file.read_bytes()) is not None
+            return (
+                re.search(rb"(?m)^[ \t]*\[tool\.(\"?)ariac-score\1[\].]", read_plain(file, MAX_BYTES))
+                is not None
+            )
     return False
 
 
@@ -225,7 +229,7 @@ def _text(file: Path, name: str) -> str:
         if file.stat().st_size > MAX_BYTES:
             words = f"it is larger than {MAX_BYTES:,} bytes"
             raise DataFileError(words, file=name, hint="is it the right file?")
-        return file.read_text(encoding="utf-8")
+        return read_plain(file, MAX_BYTES).decode("utf-8")
     except OSError as cause:
         reason = cause.strerror or type(cause).__name__
         raise DataFileError(

@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from ariac_score.documents.given import path_of
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import DataFileError
 
 __all__ = ["Place", "RepeatedKey", "YamlDocument", "is_there", "load_yaml", "parse_yaml", "read_text"]
@@ -91,7 +92,7 @@ def read_text(path: Path, *, error: type[DataFileError] = DataFileError, max_byt
                 file=path,
                 hint="a configuration of this kind is a few pages long; is this the right file?",
             )
-        return path.read_bytes()
+        return read_plain(path, max_bytes)
     except FileNotFoundError:
         raise error("no such file", file=path, hint="check the path") from None
     except OSError as cause:

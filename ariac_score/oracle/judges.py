@@ -26,6 +26,7 @@ from ariac_score.checks.contracts import (
 from ariac_score.checks.findings import Verdict
 from ariac_score.checks.guarded import GuardedDecoder, broken
 from ariac_score.checks.registry import Plugin, Registry
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import PluginNotFoundError, RuleSetError, UsageError
 from ariac_score.installed.captured_output import fault_of
@@ -40,6 +41,8 @@ from ariac_score.trial.signals import LARGEST_VALUE, Sample
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = ["CURRENTLY_FALSE", "CURRENTLY_TRUE", "UNKNOWN", "Judge", "Opinion", "RulesBench", "SpecBench"]
+
+_LARGEST_SPEC_BYTES = 1_000_000
 
 TRUE, FALSE = "true", "false"
 CURRENTLY_TRUE, CURRENTLY_FALSE, UNKNOWN = "currently_true", "currently_false", "unknown"
@@ -393,7 +396,7 @@ class SpecBench:
                 hint=f"install the distribution that brings {SPEC_MONITOR!r}, or judge by --rules",
             ) from error
         try:
-            text = file.read_text(encoding="utf-8")
+            text = read_plain(file, _LARGEST_SPEC_BYTES).decode("utf-8")
         except (OSError, UnicodeDecodeError) as cause:
             raise UsageError(f"cannot be read: {cause}", file=file, hint="is it a specification?") from cause
         monitor = self._built({"after_violation": "once", **parameters, "spec": text}, file)

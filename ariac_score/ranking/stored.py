@@ -7,10 +7,12 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication, StoredResult
 from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result
 
@@ -80,7 +82,7 @@ def read_stored(stored: StoredResult, folder: Path, run: RunOutcome, rule_set: P
     if not _is_inside(file, folder):
         raise DataFileError(f"{stored.file!r} leads out of the folder of results", file=folder, hint=hint)
     try:
-        content = file.read_bytes()
+        content = read_plain(file, MAX_BYTES)
     except OSError as cause:
         raise DataFileError(f"cannot be read: {cause.strerror}", file=file, hint=hint) from None
     found = hashlib.sha256(content).hexdigest()

@@ -21,6 +21,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import DataFileError, NoResultError, ResultError
 
@@ -208,7 +209,7 @@ class Format(Generic[T]):
             # Before reading: anyone may name a file that does not fit into memory.
             if file.stat().st_size > MAX_BYTES:
                 raise self._too_large(file)
-            document = file.read_bytes()
+            document = read_plain(file, MAX_BYTES)
         except FileNotFoundError:
             missing = NoResultError if issubclass(self.error, ResultError) else self.error
             raise missing("no such file", file=file, hint="check the path") from None

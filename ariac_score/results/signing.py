@@ -17,8 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import ResultError, ScoreError, UsageError
 from ariac_score.results.adjustments import load_adjustments
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.result_file import load_result
 
 __all__ = [
@@ -129,7 +131,7 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     try:
         if secret.is_encrypted():
             secret.decrypt(password())
-        signature = secret.sign(result.read_bytes(), prehash=True, trusted_comment=words)
+        signature = secret.sign(read_plain(result, MAX_BYTES), prehash=True, trusted_comment=words)
     except library.Error as cause:
         raise UsageError(f"the key cannot be used: {cause}", file=key, hint="check the password") from None
     finally:
@@ -151,10 +153,10 @@ def _refuse_damaged(file: Path) -> None:
 
 def _states_ranking(file: Path) -> bool:
     try:
-        with file.open("rb") as stream:
-            return stream.read(64).replace(b" ", b"").startswith(b'{\n"schema":"ariac-score/ranking/')
+        head = read_plain(file, MAX_BYTES)[:64]
     except OSError:
         return False  # which `load_result` says better
+    return head.replace(b" ", b"").startswith(b'{\n"schema":"ariac-score/ranking/')
 
 
 def _secret_key(library: Any, key: Path) -> Any:
@@ -183,7 +185,7 @@ def _key_bytes(key: Path) -> bytes:
             raise UsageError("no such key file", file=key, hint="make one: ariac-score sign --new-key FILE")
         if key.stat().st_size > _LARGEST_KEY_BYTES:
             raise UsageError("too large for a key", file=key, hint="a key of minisign has two lines")
-        return key.read_bytes()
+        return read_plain(key, _LARGEST_KEY_BYTES)
     except OSError as cause:
         raise UsageError(
             f"cannot be read: {cause.strerror}", file=key, hint="check the permissions"
@@ -232,7 +234,7 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
     try:
         if file.stat().st_size > _LARGEST_SIGNATURE_BYTES:
             raise ResultError("too large for a signature", file=file, hint=_SIGN_AGAIN)
-        raw, signed = file.read_bytes(), result.read_bytes()
+        raw, signed = read_plain(file, _LARGEST_SIGNATURE_BYTES), read_plain(result, MAX_BYTES)
     except OSError as cause:
         missing = cause.filename or file
         raise ResultError(

@@ -9,8 +9,10 @@ from pathlib import Path
 import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import DataFileError
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.result import Pinned
 from ariac_score.review.sensitivity import Knob, RankSensitivity, RankShift, ScoreSensitivity
 from ariac_score.scoring.ruleset import RuleSet
@@ -150,7 +152,7 @@ def load_rank_sensitivity(path: Path, of: str, rule_set: Pinned) -> list[RankSen
         DataFileError: Missing, something else, or of another competition or other rules.
     """
     try:
-        data = strict_json(path.read_text(encoding="utf-8"))
+        data = strict_json(read_plain(path, MAX_BYTES).decode("utf-8"))
     except OSError as cause:
         raise DataFileError(f"cannot be read: {cause.strerror}", file=path, hint="check the path") from None
     except (ValueError, RecursionError) as cause:

@@ -16,6 +16,7 @@ from typing import Any
 from ariac_score.checks.finding_contract import stored_breaches
 from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.schema import strict_json
 from ariac_score.engine.price import check_uses
 from ariac_score.engine.settings import plain_value
@@ -29,6 +30,7 @@ from ariac_score.errors import (
 )
 from ariac_score.ranking.competition import Competition, registry_for
 from ariac_score.results.adjustments import adjust, load_adjustments
+from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.cohort_file import load_cohort
 from ariac_score.results.result import Code, Measured, Result
 from ariac_score.results.result_file import (
@@ -205,7 +207,7 @@ def _read(path: Path) -> tuple[str, Any]:
             hint="name the JSON file that 'score -o FILE.json' wrote",
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_plain(path, MAX_BYTES).decode("utf-8")
         return text, strict_json(text)
     except FileNotFoundError:
         hint = "check the path; it is relative to the current folder"

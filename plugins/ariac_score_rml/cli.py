@@ -73,9 +73,17 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+_LARGEST_BYTES = 1 << 28
+
+
 def _text(path: Path, kind: str) -> str:
     error = UsageError if kind == "specification" else LogError
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for, a device may have no end
+            raise error(f"the {kind} is no plain file", file=path, hint="check the path")
+        if path.is_file() and path.stat().st_size > _LARGEST_BYTES:
+            words = f"the {kind} has more than {_LARGEST_BYTES:,} bytes"
+            raise error(words, file=path, hint="is it the right file?")
         return path.read_text(encoding="utf-8")
     except OSError as cause:
         reason = cause.strerror or type(cause).__name__

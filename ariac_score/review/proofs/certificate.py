@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from ariac_score.checks.registry import Registry
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import ResultError
 from ariac_score.review.laws.words import trial_in_words
@@ -141,7 +142,7 @@ def certificate_in(file: Path) -> Certificate | None:
     if not file.is_file() or file.stat().st_size > _LARGEST_BYTES:
         return None
     try:
-        data = strict_json(file.read_text(encoding="utf-8"))
+        data = strict_json(read_plain(file, _LARGEST_BYTES).decode("utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(data, dict) or not str(data.get("schema", "")).startswith(_KIND):
