@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.results import results_of_batch
-from ariac_score.cli.notes import is_quiet
+from ariac_score.cli.notes import is_quiet, note
 from ariac_score.cli.outcome import FORMAT_HELP
 from ariac_score.cli.partial import add_partial
 from ariac_score.engine.prepared import log_map_of
@@ -106,6 +107,8 @@ def run(arguments: argparse.Namespace) -> int:
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     if arguments.policy == "strict":
         return _strict(arguments, competition, rule_set, spec)
+    for words in _said_beforehand(competition, rule_set):
+        note(arguments, words)
     if arguments.batch is not None:
         results = results_of_batch(
             arguments.batch,
@@ -139,6 +142,36 @@ def run(arguments: argparse.Namespace) -> int:
         stored,
     )
     return exit_code(ranking, listed=arguments.output_format == "text")
+
+
+def _said_beforehand(competition: Competition, rule_set: RuleSet) -> Iterator[str]:
+    """What a reader of the ranking should know of its runs."""
+    stored = sum(run.path.suffix == ".json" for run in competition.runs)
+    if stored:
+        yield (
+            f"{stored} of {len(competition.runs)} runs are stored results: they are priced again, and "
+            "not compared with their logs, which 'verify RESULT --log LOG' does"
+        )
+    if {"keep", "missing_run"} & {*rule_set.ranking, *competition.ranking}:
+        return
+    for trial in competition.trials:
+        made = {
+            team.id: sum(key[:2] == (team.id, trial.id) for key in _keys(competition))
+            for team in competition.teams
+        }
+        if len({number for number in made.values() if number}) > 1:
+            most, fewest = max(made, key=lambda t: made[t]), min(made, key=lambda t: made[t] or math.inf)
+            yield (
+                f"{trial.id}: {most} made {made[most]} runs and {fewest} {made[fewest]}, and nothing "
+                "declares how many count, so the best of each counts: write 'ranking: {keep: 1}' if that "
+                "is meant, or 'missing_run:'"
+            )
+            return
+
+
+def _keys(competition: Competition) -> Iterator[RunKey]:
+    yield from (run.key for run in competition.runs)
+    yield from competition.refused
 
 
 def exit_code(ranking: Ranking, *, listed: bool) -> int:
