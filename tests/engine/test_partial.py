@@ -294,17 +294,17 @@ def test_wherever_a_log_is_cut_its_interval_contains_the_score_or_it_is_refused(
     name: str, whole: Callable[[str], Whole], tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
     log, scored = whole(name), 0
-    for number in range(1, 40):
-        with subtests.test(f"cut at {number} of 40"):
+    for number in range(1, 14):
+        with subtests.test(f"cut at {number} of 14"):
             try:
-                result = log.scored(log.cut(number / 40, tmp_path))
+                result = log.scored(log.cut(number / 14, tmp_path))
             except LogError:  # too little, or no message at all
                 continue
             found = ends(result)
             scored += found is not None
             assert found is None or contains(found, log.ends)
             assert found is not None or result.missing
-    assert scored > 30  # the law would hold if all were refused
+    assert scored >= 11  # the law would hold if all were refused
 
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"
