@@ -54,7 +54,7 @@ def open_sentence(result: Result, digits: int | None = None) -> str:
     if interval is None:
         return ""
     automatic = "automatic " if result.adjusted is not None else ""
-    loosely = "" if interval.tight else "no further than "
+    loosely = "" if interval.tight else "somewhere "
     return f"the {automatic}score lies {loosely}{between(interval, digits)}; {which_counts(interval)}"
 
 

@@ -83,7 +83,7 @@ def test_the_page_says_both_ends_which_counts_and_what_would_narrow_them(closed:
     [
         ("best", True, "between 19.761677 and 28; the upper end counts"),
         ("withhold", True, "between 19.761677 and 28; neither counts until that is decided"),
-        ("worst", False, "no further than between 19.761677 and 28; the lower end counts"),
+        ("worst", False, "somewhere between 19.761677 and 28; the lower end counts"),
     ],
 )
 def test_the_text_says_which_end_counts_and_whether_a_world_reaches_it(
