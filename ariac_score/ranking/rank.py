@@ -589,7 +589,11 @@ def _standings(
         )
         for number, (team, total) in enumerate(zip(competition.teams, totals, strict=True))
     ]
-    return _ranked(found, spec)
+    ranked = _ranked(found, spec)
+    if any(run.outcome in AS_ZERO or (run.kept and run.score is not None) for run in outcomes):
+        return ranked
+    # Where no run counts, all teams are equal only in that nothing is known of them: that is no rank.
+    return tuple(replace(standing, rank=None) for standing in ranked)
 
 
 def _with_ends(

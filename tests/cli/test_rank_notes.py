@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from ariac_score.cli import main
 from ariac_score.cli.rank import _said_beforehand
 from ariac_score.ranking.competition import load_competition
 from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 
 
 @pytest.mark.parametrize(
@@ -32,6 +36,26 @@ def test_unequal_numbers_of_runs_without_a_declared_policy_are_said(
     found = list(_said_beforehand(load_competition(tmp_path), load_rule_set("paper2020")))
 
     assert [words[: len(begin)] for words, begin in zip(found, said, strict=True)] == said
+
+
+@pytest.mark.slow
+def test_twelve_of_twelve_undecided_runs_give_no_ranks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
+    for place in (f"{team}/k{trial}_1.jsonl" for team in "ab" for trial in range(6)):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        write_trial_log(tmp_path / place, kitting_trial(), signals=kept)
+    rules = "{id: w, title: W, source: a test, extends: paper2020, log_map: ariac2020, open: withhold}"
+    (tmp_path / "w.yaml").write_text(rules, encoding="utf-8")
+    text = "{id: cup, rules: w.yaml, runs: '{team}/{trial}_{run}.jsonl'}"
+    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+
+    assert main(["rank", str(tmp_path), "--output-format", "json"]) == 6
+
+    ranking = json.loads(capsys.readouterr().out)
+    assert [team["rank"] for team in ranking["standings"]] == [None, None]
+    assert len(ranking["runs"]) == 12
 
 
 def test_stored_results_are_said_not_to_be_compared_with_their_logs(tmp_path: Path) -> None:
