@@ -20,7 +20,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from ariac_score.checks.contracts import Reader, Wanted
+from ariac_score.checks.contracts import Reader, Wanted, reader_facts
 from ariac_score.checks.findings import canonical_number
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
@@ -257,8 +257,16 @@ def _official(bundle: Bundle, readers: Mapping[str, Reader]) -> tuple[OfficialRe
     raise NothingToScoreError(
         "there is no official score to audit",
         file=bundle.root,
-        hint="add what the official scorer printed: performance.log (to its end) or trial_log.txt",
+        hint=_hint_for_texts(readers),
     )
+
+
+def _hint_for_texts(readers: Mapping[str, Reader]) -> str:
+    """What to add, by what the installed readers know."""
+    known = {f.formats for r in readers.values() if (f := reader_facts(r)).role == "official" and f.formats}
+    if not known:
+        return "no installed plugin reads official texts"
+    return f"add what the official scorer wrote, to its end; these are known: {', '.join(sorted(known))}"
 
 
 def _block_of(official: OfficialResult, competition: Any) -> PrintedBlock:

@@ -548,3 +548,4 @@ def test_the_page_shows_force_speed_jerk_and_the_plug_from_the_side() -> None:
         assert words in page
     assert "The plug from the side" in page
     assert "from plug to port at the start</th><td>0.3464 m" in page
+    assert page.count("against what <") == 1  # of force alone is there a limit
