@@ -10,6 +10,7 @@ from ariac_score.platforms.submission import Scored
 from ariac_score.report.html.page import page, part
 from ariac_score.report.html.trial import SCRIPT, trial_page
 from ariac_score.report.text import score_text
+from ariac_score.report.words import which_run
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
 
@@ -35,10 +36,10 @@ def result_page(scored: Scored) -> str:
     if len(counting) == 1:
         result: Result = counting[0]["result"]
         beside = [run for run in runs if run is not counting[0]]
-        return trial_page(result, as_json(result), above=_outcome(scored, beside))
+        return trial_page(result, as_json(result), above=_outcome(scored, beside), run=counting[0]["which"])
     room = _LARGEST
     for run in counting:
-        text = trial_page(run["result"], as_json(run["result"]))
+        text = trial_page(run["result"], as_json(run["result"]), run=run["which"])
         if len(text) <= room:
             run["page"], run["open"] = text, room == _LARGEST
             room -= len(text)
@@ -67,7 +68,8 @@ def _outcome(scored: Scored, runs: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def _runs(scored: Scored) -> Iterator[dict[str, Any]]:
-    for run in scored.ranking.runs if scored.ranking else ():
+    every = scored.ranking.runs if scored.ranking else ()
+    for run in every:
         result = scored.results.get((run.trial, run.number))
         text = run.reason if result is None else score_text(result)
         if len(text) > _LONGEST:
@@ -81,4 +83,5 @@ def _runs(scored: Scored) -> Iterator[dict[str, Any]]:
             "open": False,
             "counts": run.kept,
             "result": result,
+            "which": which_run(run.number, [one.number for one in every if one.trial == run.trial]),
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 
 from ariac_score.errors import ScoreError
@@ -11,7 +12,7 @@ from ariac_score.scoring.ledger import Line
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.words import Words, spelled
 
-__all__ = ["capital", "label_of", "priced_check", "words_of"]
+__all__ = ["capital", "label_of", "priced_check", "which_run", "words_of"]
 
 
 def words_of(result: Result) -> Words:
@@ -27,6 +28,20 @@ def words_of(result: Result) -> Words:
 def capital(words: str) -> str:
     """With a capital letter at the start."""
     return words[:1].upper() + words[1:]
+
+
+def which_run(number: int, numbers: Sequence[int]) -> str:
+    """Which of the runs of a team in a trial one is.
+
+    Args:
+        number: Of the run.
+        numbers: Of all of them.
+
+    >>> which_run(2, [1, 2, 3]), which_run(7, [2, 7])
+    ('run 2 of 3', 'run 7, one of 2')
+    """
+    counted = sorted(numbers) == list(range(1, len(numbers) + 1))
+    return f"run {number} of {len(numbers)}" if counted else f"run {number}, one of {len(numbers)}"
 
 
 _SUMS = {"earned": "points earned", "taken": "points lost"}

@@ -131,7 +131,7 @@ def test_the_page_of_a_run_that_counts_is_the_page_of_a_trial(tmp_path: Path, lo
 
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     result = load_result(tmp_path / "output/results/kit_1.json")
-    own = trial_page(result, as_json(result))
+    own = trial_page(result, as_json(result), run="run 1 of 1")
     assert "Two shipments delivered, one wrong colour and one wrong pose." in page
     # Nothing but the outcome of the submission is added.
     outcome = page[page.index('<section id="submission"') : page.index("</section>") + len("</section>")]
@@ -150,7 +150,9 @@ def test_each_of_several_runs_that_count_is_a_page_inside_the_page(tmp_path: Pat
     page = (tmp_path / "output/detailed_results.html").read_text(encoding="utf-8")
     inside = [html.unescape(text) for text in re.findall(r'<iframe srcdoc="([^"]*)"', page)]
     results = [load_result(tmp_path / f"output/results/{name}_1.json") for name in ("kit", "other")]
-    assert [text.strip() for text in inside] == [trial_page(r, as_json(r)).strip() for r in results]
+    assert [text.strip() for text in inside] == [
+        trial_page(r, as_json(r), run="run 1 of 1").strip() for r in results
+    ]
 
 
 EMPTY = ({}, {"metadata": b"exitCode: 0\n"}, {".hidden": b"x"})

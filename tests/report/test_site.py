@@ -109,6 +109,13 @@ def test_every_link_leads_somewhere(site: Path) -> None:
                 assert (file.parent / link).resolve().is_file(), link
 
 
+def test_the_page_of_a_run_says_which_run_of_which_trial_and_team_it_is(site: Path) -> None:
+    page = (site / "trials/borealis/kitting-2.html").read_text(encoding="utf-8")
+
+    assert "Competition · Trial report · team borealis · run 2 of 5 kitting" in seen(page)
+    assert re.search(r"<title>borealis, kitting, run 2 of 5: [\d.]+</title>", page)
+
+
 def test_no_page_holds_an_id_twice(site: Path) -> None:
     ids = Links((site / "index.html").read_text(encoding="utf-8")).ids
 

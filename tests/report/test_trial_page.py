@@ -229,6 +229,8 @@ def test_a_page_among_others_leads_back(example: Result) -> None:
 
     assert '<a href="../index.html">Competition</a>' in text
     assert "index.html" not in _page(example)
+    # One page alone does not know of other runs.
+    assert " run " not in _page(example).partition("</h1>")[0].partition("</style>")[2]
 
 
 # The command ---------------------------------------------------------------------------

@@ -55,7 +55,9 @@ _EMBEDDED = re.compile(r'<script type="application/json" id="ariac-score-result"
 
 
 @in_own_decimals
-def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTHING_ABOVE) -> str:
+def trial_page(
+    result: Result, stored: str, home: str = "", above: Markup = NOTHING_ABOVE, run: str = ""
+) -> str:
     """The page of a trial: one file that needs nothing else.
 
     Args:
@@ -63,6 +65,7 @@ def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTH
         stored: The same as canonical JSON, which the page carries inside.
         home: Link to the page of its competition; empty for none.
         above: What stands before it on the page, escaped.
+        run: Which run of the trial it is, such as `run 2 of 3`; empty where that is not known.
     """
     measured, findings = result.measured, result.measured.findings
     rule_set = rule_set_from_text(result.rules, file="the rules in the result")
@@ -80,6 +83,7 @@ def trial_page(result: Result, stored: str, home: str = "", above: Markup = NOTH
         script=SCRIPT,
         home=home,
         above=above,
+        run=run,
         summary=summary_of(result, rule_set),
         parts=parts_of(result, split) if split else None,
         places=Places(result),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from ariac_score.ranking.stored import read_stored
 from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.html.wording import file_name
+from ariac_score.report.words import which_run
 from ariac_score.results.adjustments import apply
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, measured_sha256
@@ -55,6 +57,8 @@ class _Task:
     decided_in: str
     out: Path
     write: Write
+    which: str
+    """Which run of its trial it is, in words."""
 
 
 def page_name(key: RunKey) -> str:
@@ -87,6 +91,9 @@ def make_pages(
         ResultError: A result is incomplete, or of other rules.
     """
     runs = {run.key: run for run in publication.ranking.runs}
+    numbers: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for team, trial, number in runs:
+        numbers[team, trial].append(number)
     rules = publication.ranking.rule_set
     stewarded = publication.ranking.stewarded
     decisions = stewarded.adjustments if stewarded else ()
@@ -101,6 +108,7 @@ def make_pages(
             decided_in,
             out,
             write,
+            which_run(key[2], numbers[key[:2]]),
         )
         for key, stored in publication.results.items()
     ]
@@ -137,7 +145,8 @@ def _make(task: _Task) -> RunPage:
     result, text = read_stored(task.stored, task.folder, task.run, task.rule_set)
     page = page_name(task.run.key)
     shown = _adjusted(result, task)
-    task.write(trial_page(shown, text if shown is result else as_json(shown), HOME), task.out / page)
+    stored = text if shown is result else as_json(shown)
+    task.write(trial_page(shown, stored, HOME, run=task.which), task.out / page)
     copy = task.out / "results" / task.stored.file
     # A site may be made in the folder that holds the results.
     if copy.resolve() != (task.folder / task.stored.file).resolve():
