@@ -8,7 +8,9 @@ import numpy as np
 
 from ariac_score.checks.open_findings import Cause
 from ariac_score.monitors.cells import TOLERANCE_S, Stream
+from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, merged
+from ariac_score.trial.vocabulary import signal_in_words
 
 __all__ = ["causes_of_cells", "causes_of_spans"]
 
@@ -24,8 +26,9 @@ def causes_of_cells(
 ) -> tuple[Cause, ...]:
     """Why something is open: for each source its open intervals in which the worlds differ, or all."""
     sources: dict[str, list[FloatArray]] = {}
+    places = {_source(stream.signal): _place(stream.signal) for stream in opened}
     for stream in opened:
-        sources.setdefault(stream.signal.source or stream.signal.name, []).append(stream.edges(window))
+        sources.setdefault(_source(stream.signal), []).append(stream.edges(window))
     found, late = [], _late(opened)
     for source, several in sorted(sources.items()):
         # Signals of one message have the same intervals.
@@ -39,24 +42,35 @@ def causes_of_cells(
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             lengths = 1000.0 * (ends - starts)[kept]
             stored = spans if len(spans) <= MOST_SPANS else merged(spans, within_s=TOLERANCE_S)[:MOST_SPANS]
-            words = f"{_gaps(lengths.tolist())} on {source}{late.get(source, '')}{_thinned(opened, source)}"
+            words = (
+                f"{_gaps(lengths.tolist())} {places[source]}{late.get(source, '')}{_thinned(opened, source)}"
+            )
             found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
 
 
 def causes_of_spans(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, ...]:
     """Why the same spans are open of all streams."""
-    sources = sorted({stream.signal.source or stream.signal.name for stream in opened})
+    places = dict(sorted((_source(stream.signal), _place(stream.signal)) for stream in opened))
     lengths = [1000.0 * span.duration_s for span in spans]
-    source = sources[0] if len(sources) == 1 else ""
-    return (Cause(f"{_gaps(lengths)} on {' and '.join(sources)}", source, tuple(spans[:MOST_SPANS])),)
+    source = next(iter(places)) if len(places) == 1 else ""
+    return (Cause(f"{_gaps(lengths)} {' and '.join(places.values())}", source, tuple(spans[:MOST_SPANS])),)
+
+
+def _source(signal: Signal) -> str:
+    return signal.source or signal.name
+
+
+def _place(signal: Signal) -> str:
+    """Where samples lack: on the topic, which whoever records can act on, or in what was measured."""
+    return f"on {signal.source}" if signal.source else f"in the {signal_in_words(signal.name)}"
 
 
 def _late(opened: Sequence[Stream]) -> dict[str, str]:
     """Of sources that nobody stamped, how late their messages came: bounds are as much wider."""
     found: dict[str, float] = {}
     for stream in opened:
-        source = stream.signal.source or stream.signal.name
+        source = _source(stream.signal)
         found[source] = max(found.get(source, 0.0), stream.signal.stamp_jitter_s)
     return {
         source: f", stamped on arrival up to {1000.0 * late_s:.0f} ms late"

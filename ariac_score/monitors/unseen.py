@@ -25,7 +25,7 @@ from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span
 from ariac_score.trial.vectors import lengths
-from ariac_score.trial.vocabulary import quantity_of, subject_of
+from ariac_score.trial.vocabulary import quantity_of, signal_in_words, subject_of
 
 __all__ = ["Broken", "Unseen", "broken_bounds"]
 
@@ -119,8 +119,8 @@ class Unseen:
             self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
             for one in signal.disbelieved:
                 if one.span.end_s >= self.window.start_s and one.span.start_s <= self.window.end_s:
-                    words = f"{signal.name!r} jumps at {one.at_s:.3f} s faster than anything moves"
-                    self.remarks[f"{words}, and may be right"] = None
+                    words = f"the {signal_in_words(signal.name)} jumps at {one.at_s:.3f} s"
+                    self.remarks[f"{words} faster than anything moves, and may be right"] = None
                     break
         return self._streams[signal.name]
 
@@ -289,7 +289,8 @@ class Unseen:
                     there = one.open & (cells.t >= other.span.start_s) & (cells.t < other.span.end_s)
                     high = np.where(there & np.isfinite(other.most), np.maximum(high, other.most), high)
                 if (one.open & (fastest > top * (1 + 1e-9))).any():
-                    self.remarks[f"{recorded.name!r} above the default bound of {top:g} m/s"] = None
+                    whose = signal_in_words(recorded.name)
+                    self.remarks[f"the {whose} is above the default bound of {top:g} m/s"] = None
             least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
         return least, most
 

@@ -31,6 +31,7 @@ __all__ = [
     "contradiction",
     "quantity_of",
     "quantity_points",
+    "signal_in_words",
     "subject_of",
     "subject_shape",
 ]
@@ -203,6 +204,32 @@ def quantity_of(signal: str) -> str:
     'centre_distance'
     """
     return signal.partition("/")[0]
+
+
+_SPOKEN = {
+    "centre_distance": "distance",
+    "centre_distance_2d": "distance in the floor plane",
+    "body_separation": "separation",
+    "approach_speed_robot": "approach by the robot",
+    "approach_speed_human": "approach by the human",
+}
+_BY_KIND = ("robot", "human")
+
+
+def signal_in_words(signal: str) -> str:
+    """What people call a signal.
+
+    >>> signal_in_words("centre_distance/robot/human"), signal_in_words("speed/human")
+    ('distance of robot and human', 'speed of the human')
+    >>> signal_in_words("tcp_speed/arm::wrist"), signal_in_words("friction/environment")
+    ('tcp speed of arm::wrist', 'friction')
+    """
+    quantity, _, subject = signal.partition("/")
+    words = _SPOKEN.get(quantity, quantity.replace("_", " "))
+    if subject in ("", ENVIRONMENT):
+        return words
+    whose = f"the {subject}" if subject in _BY_KIND else " and ".join(subject.split("/"))
+    return f"{words} of {whose}"
 
 
 def subject_of(signal: str) -> str:

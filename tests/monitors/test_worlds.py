@@ -448,7 +448,7 @@ def test_a_body_that_jumps_may_have_been_anywhere_meanwhile() -> None:
     (worlds,) = found(replace(HumanContact(), distance="centre_distance"), derived)[1]
 
     assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
-    assert "'position/ann' jumps at 0.500 s faster than anything moves" in worlds.causes[-1].text
+    assert "the position of ann jumps at 0.500 s faster than anything moves" in worlds.causes[-1].text
 
 
 def test_a_jump_breaks_a_bound_that_is_stated_and_no_other() -> None:

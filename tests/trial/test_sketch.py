@@ -178,7 +178,7 @@ def test_routes_orders_and_submissions_are_taken_along() -> None:
     assert [one.path for one in sketch.asked if one.level == "order"] == ["order_0", "order_1"]
     words = {one.path: one.words for one in sketch.asked}
     assert words["order_0/order_0_shipment_0"] == "kitting, on agv1"
-    assert words["order_0/order_0_shipment_0/part_1"] == "gear_part_blue"
+    assert words["order_0/order_0_shipment_0/part_1"] == "blue gear"
     assert [(one.submitted_s, one.contents is not None) for one in sketch.brought] == [
         (14.0, True),
         (31.0, True),
