@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +15,7 @@ __all__ = ["places_kept"]
 
 
 def places_kept(
-    t: FloatArray, x: FloatArray, y: FloatArray, *, fixed: Iterable[int], most: int, near_m: float
+    t: FloatArray, *places: FloatArray, fixed: Iterable[int], most: int, near_m: float
 ) -> NDArray[np.intp]:
     """The rows that a replay needs: a body that moves straight and steadily between them is where it was.
 
@@ -25,8 +25,7 @@ def places_kept(
 
     Args:
         t: Sample times, shape (n,), s, increasing.
-        x: Places, shape (n,), m.
-        y: Places, shape (n,), m.
+        places: Along each axis that is drawn, shape (n,), m.
         fixed: Rows that are kept in any case, beside the first and the last one.
         most: As many rows are kept at most, unless more are fixed.
         near_m: Near enough, m.
@@ -43,25 +42,26 @@ def places_kept(
     given = np.array([0, len(t) - 1, *fixed], dtype=np.intp)
     kept = [int(row) for row in distinct(given[(given >= 0) & (given < len(t))])]
     # Of equal departures the earlier stretch comes first, so that every machine keeps the same rows.
-    waiting = [_furthest(t, x, y, a, b) for a, b in pairwise(kept)]
+    waiting = [_furthest(t, places, a, b) for a, b in pairwise(kept)]
     heapq.heapify(waiting)
     while waiting and len(kept) < most:
         departure, first, last, row = heapq.heappop(waiting)
         if -departure <= near_m * near_m:
             break
         kept.append(row)
-        heapq.heappush(waiting, _furthest(t, x, y, first, row))
-        heapq.heappush(waiting, _furthest(t, x, y, row, last))
+        heapq.heappush(waiting, _furthest(t, places, first, row))
+        heapq.heappush(waiting, _furthest(t, places, row, last))
     return np.array(sorted(kept), dtype=np.intp)
 
 
-def _furthest(t: FloatArray, x: FloatArray, y: FloatArray, a: int, b: int) -> tuple[float, int, int, int]:
+def _furthest(t: FloatArray, places: Sequence[FloatArray], a: int, b: int) -> tuple[float, int, int, int]:
     """Of the rows between two the one furthest from the line: minus its squared departure, its place."""
     if b - a < 2:
         return 0.0, a, b, a
     share = (t[a + 1 : b] - t[a]) / (t[b] - t[a])
-    off_x = x[a + 1 : b] - (x[a] + share * (x[b] - x[a]))
-    off_y = y[a + 1 : b] - (y[a] + share * (y[b] - y[a]))
-    departure = off_x * off_x + off_y * off_y
+    departure = np.zeros(b - a - 1)
+    for along in places:
+        off = along[a + 1 : b] - (along[a] + share * (along[b] - along[a]))
+        departure += off * off
     row = int(np.argmax(departure))
     return -float(departure[row]), a, b, a + 1 + row

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.motion import places_kept
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Trial
-from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, distinct
 from ariac_score.trial.work import WorkItem
 
@@ -56,6 +56,10 @@ PLACES = 12_000
 MOST_PLACES, FEWEST_PLACES = 1000, 40
 NEAR_M = 0.01
 """Straight between the places that are kept, a body is drawn so near to where it was, if places suffice."""
+_LEAST_NEAR_M, _NEAR_OF_EXTENT = 0.001, 0.01
+"""Where all happens within less than a metre, nearer: by this part of the way that is gone at most."""
+_RISES_M = 0.05
+"""Heights are kept where a body rises or sinks by more; people who walk bob by less."""
 MOST_INSTANTS = 40
 """So many of the worst moments of a body keep their places in any case."""
 _COARSE_FROM, _COARSE_STRETCHES = 20_000, 4000
@@ -102,10 +106,11 @@ class DrawnChart:
 
 @dataclass(frozen=True)
 class DrawnPath:
-    """The route of a body, seen from above, reduced.
+    """The route of a body, reduced.
 
-    Straight and steady motion between two samples is within a centimetre of what was recorded, unless
-    the route is so long that its places do not suffice; those of the worst moments are exact.
+    Straight and steady motion between two samples is within a centimetre of what was recorded, nearer where
+    all happens within less than a metre, unless the route is so long that its places do not suffice; those
+    of the worst moments are exact.
 
     Attributes:
         body: Its id, or the name of the link that stands for it.
@@ -114,6 +119,7 @@ class DrawnPath:
         x_m: Places, m.
         y_m: Places, m.
         holes_s: Times of samples after which its place is unknown until the next one.
+        z_m: Heights, m; empty where no body of the trial rises or sinks.
     """
 
     body: str
@@ -122,9 +128,11 @@ class DrawnPath:
     x_m: tuple[float, ...]
     y_m: tuple[float, ...]
     holes_s: tuple[float, ...] = ()
+    z_m: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        _refuse_uneven(self.t_s, self.x_m, self.y_m)
+        _refuse_uneven(self.t_s, self.x_m, self.y_m, *([self.z_m] if self.z_m else []))
+        leave_out_empty(self, "z_m")
 
 
 def _refuse_uneven(*columns: Sequence[object]) -> None:
@@ -362,41 +370,60 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
 
 def _routes(trial: Trial, instants_s: Mapping[str, Sequence[float]]) -> Iterable[DrawnPath]:
     most = _share(PLACES // max(len(trial.bodies), 1), FEWEST_PLACES, MOST_PLACES)
+    found = list(_motions(trial))
+    axes = 3 if any(np.ptp(one.places[:, 2]) > _RISES_M for one in found) else 2
+    extent_m = max((float(np.ptp(one.places[:, :axes], axis=0).max()) for one in found), default=0.0)
+    near_m = min(max(extent_m * _NEAR_OF_EXTENT, _LEAST_NEAR_M), NEAR_M)
+    for one in found:
+        of_body = (
+            t for subject, times in instants_s.items() if one.body in subject.split("/") for t in times
+        )
+        yield _route(one, axes, list(of_body)[:MOST_INSTANTS], most, near_m)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Where a body was in the time of the trial: the name of what stands for it, times, places (n, 3)."""
+
+    body: str
+    kind: str
+    name: str
+    t: FloatArray
+    places: FloatArray
+
+
+def _motions(trial: Trial) -> Iterator[_Motion]:
     # A body that moves by its links has no position of its own; its first link with samples stands for it.
     for body in sorted(trial.bodies, key=lambda b: (b.kind, b.id)):
         points = [body.id, *(f"{body.id}::{link}" for link in body.links)]
         name = next((p for p in points if len(trial.signals.get(f"position/{p}", ()))), None)
-        if name is None:
-            continue
-        at_s = [t for subject, found in instants_s.items() if body.id in subject.split("/") for t in found]
-        signal = trial.signals[f"position/{name}"]
-        route = _route(name, body.kind, signal, trial.window, at_s[:MOST_INSTANTS], most)
-        if route is not None:
-            yield route
+        if name is not None:
+            signal = trial.signals[f"position/{name}"]
+            inside = _inside(signal.t, trial.window)
+            places = np.round(signal.values[inside], DECIMALS) + 0.0
+            if len(places):
+                yield _Motion(body.id, body.kind, name, signal.t[inside], places)
 
 
-def _route(
-    name: str, kind: str, signal: Signal, window: Span | None, at_s: Sequence[float], most: int
-) -> DrawnPath | None:
-    """The route of a body, reduced; `None` where it has no sample."""
-    inside = _inside(signal.t, window)
-    t, places = signal.t[inside], np.round(signal.values[inside], DECIMALS) + 0.0
-    if not len(t):
-        return None
-    x, y = places[:, 0], places[:, 1]
+def _route(motion: _Motion, axes: int, at_s: Sequence[float], most: int, near_m: float) -> DrawnPath:
+    """The route of a body, reduced."""
+    t = motion.t
+    places = [motion.places[:, axis] for axis in range(axes)]
     holes = _holes(t, _ROUTE_HOLE_S)
     after = np.clip(t.searchsorted(np.array(at_s, dtype=np.float64)), 0, len(t) - 1)
     fixed = distinct(np.concatenate([holes, holes + 1, after, np.maximum(after - 1, 0)]))
     coarse = np.arange(len(t))
     if len(t) >= _COARSE_FROM:
-        coarse = distinct(np.concatenate([extremes(t, [x, y], _COARSE_STRETCHES), fixed]))
+        coarse = distinct(np.concatenate([extremes(t, places, _COARSE_STRETCHES), fixed]))
     kept = places_kept(
         t[coarse],
-        x[coarse],
-        y[coarse],
+        *(along[coarse] for along in places),
         fixed=(int(row) for row in coarse.searchsorted(fixed)),
         most=most,
-        near_m=NEAR_M,
+        near_m=near_m,
     )
     rows = coarse[kept]
-    return DrawnPath(name, kind, _numbers(t[rows]), _numbers(x[rows]), _numbers(y[rows]), _numbers(t[holes]))
+    x_m, y_m, *z_m = (_numbers(along[rows]) for along in places)
+    return DrawnPath(
+        motion.name, motion.kind, _numbers(t[rows]), x_m, y_m, _numbers(t[holes]), z_m[0] if z_m else ()
+    )

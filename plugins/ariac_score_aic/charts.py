@@ -10,9 +10,8 @@ from ariac_score import Chart, FloatArray, Signal, Trial
 from ariac_score_aic.chains import first_of_each
 from ariac_score_aic.signals import PLUG, PORT, TOOL
 
-__all__ = ["HEIGHT", "of_force", "of_height", "of_jerk", "of_speed"]
+__all__ = ["of_force", "of_height", "of_jerk", "of_speed"]
 
-HEIGHT = "height of the plug above its port"
 _GAP_S = 0.5
 """A longer pause between samples is drawn as one; decides nothing."""
 
@@ -44,7 +43,7 @@ def of_height(trial: Trial) -> Iterator[Chart]:
     t_s = plug.t[(plug.t >= port.t[0]) & (plug.t <= port.t[-1])]
     if len(t_s):
         height_m = [np.interp(t_s, one.t, one.values[:, 2]) for one in (plug, port)]
-        yield from _chart(HEIGHT, "m", t_s, height_m[0] - height_m[1], None)
+        yield from _chart("height of the plug above its port", "m", t_s, height_m[0] - height_m[1], None)
 
 
 def _of(signal: Signal | None, what: str, limit: float | None = None) -> Iterator[Chart]:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from ariac_score import Body, Finding, Result, Signal, Span, Trial, Verdict, as_json
-from ariac_score.report.html.plan import plan_of
+from ariac_score.report.html.plan import plan_of, side_of
 from ariac_score.report.html.replay import MOST_MOMENTS, Replay, replay_of
 from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.timeline import axis_of
@@ -206,6 +206,33 @@ def test_a_name_stays_inside_the_plan() -> None:
 
     assert plan is not None
     assert plan.ways[0].label == "before"  # everywhere else it would stick out
+
+
+def test_from_the_side_the_longer_way_is_drawn_against_the_height() -> None:
+    hook = DrawnPath("hook", "robot", (0.0, 9.0), (0.0, 1.0), (2.0, 6.0), (), (3.0, 1.0))
+    post = DrawnPath("post", "thing", (0.0, 9.0), (0.5, 0.5), (6.0, 6.0), (), (0.0, 0.0))
+    touched = Finding("hook/post", Verdict.VIOLATED, "touched", Span(9.0, 9.0))
+
+    side = side_of(Sketch(routes=(hook, post)), {"touch#1": touched})  # 4 by 3 m, and a tenth
+
+    assert side is not None
+    assert (side.across, side.up) == ("y_m", "z_m")
+    assert (side.left, side.top) == (
+        pytest.approx(4 - 2.2),
+        pytest.approx(1.5 + 1.65),
+    )
+    assert [way.path for way in side.ways] == ["M0.2 0.15L4.2 2.15", "M4.2 3.15L4.2 3.15"]
+    assert [(pin.number, pin.finding, pin.top) for pin in side.pins] == [
+        (1, "touch#1", pytest.approx(100 * (3.15 - 0.5) / 3.3, abs=0.01))  # half way between them
+    ]
+
+
+def test_without_heights_there_is_no_view_from_the_side(routes: Result) -> None:
+    sketch = routes.measured.sketch
+
+    assert sketch is not None
+    assert side_of(sketch, routes.findings) is None
+    assert "From the side" not in page(routes)
 
 
 # Size and hostile names ----------------------------------------------------------------

@@ -222,6 +222,34 @@ def test_who_wants_no_motion_gets_a_still_picture_each_second(open_page: Any, fi
     assert told(page).startswith("1.50 s")
 
 
+def test_from_the_side_bodies_stand_as_high_as_recorded_at_the_same_time(
+    open_page: Any, result: Result, tmp_path: Path
+) -> None:
+    sketch = result.measured.sketch
+    assert sketch is not None
+    human, robot = sketch.routes
+    # The human, whose way along y is the longest, climbs a decimetre each second.
+    climbing = replace(human, z_m=tuple(t / 10 for t in human.t_s))
+    higher = replace(sketch, routes=(climbing, replace(robot, z_m=(0.0,) * len(robot.t_s))))
+    file = PAGES.write_page(tmp_path, replace(result, measured=replace(result.measured, sketch=higher)))
+    opened = open_page(file)
+
+    for t_s in (12.0, 18.3):
+        seek(opened.page, t_s)
+        above_y_m, side_y_m, height_m = opened.page.evaluate(
+            """() => [...document.querySelectorAll('[data-route="0"]')].flatMap((marker, view) => {
+            const box = marker.closest('.box').dataset, style = marker.style;
+            const x = Number(box.left) + parseFloat(style.left) / 100 * Number(box.width);
+            const y = Number(box.top) - parseFloat(style.top) / 100 * Number(box.height);
+            return view ? [x, y] : [y]; })"""
+        )
+        assert side_y_m == pytest.approx(above_y_m, abs=1e-3)
+        assert height_m == pytest.approx(t_s / 10, abs=0.01)
+    assert opened.complaints == []
+    still = open_page(file, java_script_enabled=False).page
+    assert still.locator(".plan .way").count() == 4
+
+
 def test_without_scripts_there_is_a_still_picture(open_page: Any, file: Path) -> None:
     page = open_page(file, java_script_enabled=False).page
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ariac_score import Body, Signal, Span, Trial
+from ariac_score.results.codec import plain
 from ariac_score.results.motion import places_kept
 from ariac_score.results.sketch import MOST_PLACES, NEAR_M, PLACES, sketch_of
 
@@ -103,6 +104,35 @@ def test_all_bodies_share_the_places() -> None:
 
     assert len(routes) == 100
     assert sum(len(route.t_s) for route in routes) <= PLACES
+
+
+@pytest.mark.parametrize(("rise_m", "heights"), [(0.049, ()), (0.051, (1.0, 1.051))])
+def test_heights_are_kept_where_a_body_rises_by_more_than_five_centimetres(
+    rise_m: float, heights: tuple[float, ...]
+) -> None:
+    at_m = {"hook": [(0.0, 0.0, 1.0), (8.0, 0.0, 1.0 + rise_m)], "post": [(4.0, 0.0, 0.5), (4.0, 0.0, 0.5)]}
+    t = np.array([0.0, 10.0])
+    signals = {f"position/{n}": Signal(f"position/{n}", "m", t, np.array(p)) for n, p in at_m.items()}
+    bodies = (Body("hook", "robot"), Body("post", "thing"))
+
+    hook, post = sketch_of(Trial("t", bodies=bodies, signals=signals), {}, {}).routes
+
+    assert hook.z_m == heights
+    assert post.z_m == ((0.5, 0.5) if heights else ())
+    assert ("z_m" in plain(post)) == bool(heights)  # otherwise the bytes are those of earlier versions
+
+
+@pytest.mark.parametrize(
+    ("way_m", "aside_m", "is_kept"), [(0.3, 0.0028, 0), (0.3, 0.0032, 1), (2.0, 0.009, 0)]
+)
+def test_a_small_scene_is_kept_to_a_hundredth_of_it(way_m: float, aside_m: float, is_kept: int) -> None:
+    t = np.array([0.0, 1.0, 2.0])
+    places = np.array([(0.0, 0.0, 0.0), (way_m / 2, aside_m, 0.0), (way_m, 0.0, 0.0)])
+    signals = {"position/arm": Signal("position/arm", "m", t, places)}
+
+    (route,) = sketch_of(Trial("t", bodies=(Body("arm", "robot"),), signals=signals), {}, {}).routes
+
+    assert len(route.t_s) == 2 + is_kept
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

@@ -1,4 +1,4 @@
-"""The cell seen from above: the routes of robots and humans, and the places of violations."""
+"""The cell seen from above and from the side: the routes of robots and humans, the places of violations."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.html.scale import ticks
 from ariac_score.results.sketch import DrawnPath, Sketch
 
-__all__ = ["FloorPlan", "Pin", "Way", "plan_of"]
+__all__ = ["FloorPlan", "Pin", "Way", "plan_of", "side_of"]
 
 MOST_PINS = 40
+_SMALL_M = 2.0
+"""Smaller drawings are to a tenth of a millimetre."""
 PIN_SPACING = 3.2
 """Least distance of two pins, percent of the box."""
-LEAST_M = 2.0
+LEAST_M = 0.3
 """A plan is never less than this wide and high."""
 
 
@@ -56,7 +58,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class FloorPlan:
-    """A drawing of `width` by `height` m, y downwards.
+    """A drawing of `width` by `height` m, y downwards. Of one from the side, y is the height.
 
     Attributes:
         left: x of the left edge, m.
@@ -68,6 +70,8 @@ class FloorPlan:
         columns: Round numbers of x and percent from the left.
         rows: Round numbers of y and percent from the top.
         unpinned: Number of violations without a pin: their place is not known, or there are too many.
+        across: What of a route (`DrawnPath`) is drawn to the right.
+        up: What of it is drawn upwards.
     """
 
     left: float
@@ -79,6 +83,8 @@ class FloorPlan:
     columns: tuple[tuple[float, float], ...]
     rows: tuple[tuple[float, float], ...]
     unpinned: int
+    across: str = "x_m"
+    up: str = "y_m"
 
 
 @dataclass(frozen=True)
@@ -89,7 +95,8 @@ class _Box:
     height: float
 
     def units(self, x_m: float, y_m: float) -> str:
-        return f"{_short(x_m - self.left)} {_short(self.top - y_m)}"
+        decimals = 3 if self.width > _SMALL_M else 4
+        return f"{_short(x_m - self.left, decimals)} {_short(self.top - y_m, decimals)}"
 
     def percent(self, x_m: float, y_m: float) -> tuple[float, float]:
         return (
@@ -98,8 +105,8 @@ class _Box:
         )
 
 
-def _short(value: float) -> str:
-    return f"{value:.3f}".rstrip("0").rstrip(".") or "0"
+def _short(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}".rstrip("0").rstrip(".") or "0"
 
 
 def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> FloorPlan | None:
@@ -120,6 +127,20 @@ def plan_of(sketch: Sketch, findings: Mapping[str, Finding]) -> FloorPlan | None
         tuple((y, box.percent(box.left, y)[1]) for y in ticks(bottom, box.top, 6)),
         unpinned,
     )
+
+
+def side_of(sketch: Sketch, findings: Mapping[str, Finding]) -> FloorPlan | None:
+    """The same from the side that shows more of the ways; `None` where no body rises or sinks."""
+    if not sketch.routes or not all(route.z_m for route in sketch.routes):
+        return None
+    extents_m = [
+        max(max(places) for places in along) - min(min(places) for places in along)
+        for along in ([route.x_m for route in sketch.routes], [route.y_m for route in sketch.routes])
+    ]
+    across = "y_m" if extents_m[1] > extents_m[0] else "x_m"
+    turned = tuple(replace(one, x_m=getattr(one, across), y_m=one.z_m) for one in sketch.routes)
+    drawn = plan_of(Sketch(routes=turned), findings)
+    return replace(drawn, across=across, up="z_m") if drawn else None
 
 
 def _box(routes: Sequence[DrawnPath]) -> _Box:

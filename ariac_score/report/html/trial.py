@@ -19,7 +19,7 @@ from ariac_score.report.html.page import page, shipped
 from ariac_score.report.html.panels import panels_of
 from ariac_score.report.html.parameters import parameters_shown
 from ariac_score.report.html.parts import parts_of
-from ariac_score.report.html.plan import plan_of
+from ariac_score.report.html.plan import plan_of, side_of
 from ariac_score.report.html.replay import replay_of
 from ariac_score.report.html.scale import Scale
 from ariac_score.report.html.timeline import axis_of, timeline_of
@@ -110,6 +110,7 @@ def trial_page(
         charts=charts,
         omitted=omitted,
         plan=plan_of(sketch, findings) if sketch else None,
+        side=side_of(sketch, findings) if sketch else None,
         sketch=sketch,
         work=work_of(result),
         words=words,

@@ -10,7 +10,7 @@
   const play = replay.querySelector("button[data-act=play]");
   const speed = replay.querySelector("select");
   const told = replay.querySelector("output");
-  const box = replay.querySelector(".box");
+  const box = replay.querySelector(".box"); /* the view from above; there may be one from the side as well */
   const strip = replay.querySelector(".strip");
   const moments = [...replay.querySelectorAll(".moments > li")].map((item) => ({
     item, t: Number(item.dataset.t), from: Number(item.dataset.from), to: Number(item.dataset.to),
@@ -41,7 +41,8 @@
 
   const bodies = [...replay.querySelectorAll("[data-route]")].map((marker) => {
     const route = sketch.routes[Number(marker.dataset.route)];
-    return { route, id: route.body.split("::")[0], marker, at: null };
+    const view = marker.closest(".box").dataset;
+    return { route, id: route.body.split("::")[0], marker, view, at: null };
   });
 
   const zones = [...replay.querySelectorAll("[data-zone]")].map((named) => {
@@ -58,14 +59,13 @@
   });
 
   function moved(t) {
-    const width = Number(box.dataset.width), height = Number(box.dataset.height);
     for (const body of bodies) {
-      const at = place(body.route, t);
-      body.at = at && [between(body.route.x_m, at) - Number(box.dataset.left), Number(box.dataset.top) - between(body.route.y_m, at)];
+      const at = place(body.route, t), { across, up, left, top, width, height } = body.view;
+      body.at = at && [between(body.route[across], at) - Number(left), Number(top) - between(body.route[up], at)];
       body.marker.hidden = !at;
       if (!at) continue;
-      body.marker.style.left = `${(100 * body.at[0]) / width}%`;
-      body.marker.style.top = `${(100 * body.at[1]) / height}%`;
+      body.marker.style.left = `${(100 * body.at[0]) / Number(width)}%`;
+      body.marker.style.top = `${(100 * body.at[1]) / Number(height)}%`;
     }
   }
 
