@@ -304,7 +304,11 @@ Decoded: TypeAlias = WorkItem | Submission | Event | Record
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Understands the messages of one competition: entry-point group `ariac_score.decoders`."""
+    """Understands the messages of one competition: entry-point group `ariac_score.decoders`.
+
+    One of a topic that repeats a state at each step may set `only_changes = True`: of messages without header
+    that say the same it then gets the first, the last, and one in every half second.
+    """
 
     def decode(self, msgtype: str, message: object, t_s: float) -> Decoded | None:
         """What a message means; `None` when it means nothing.

@@ -137,6 +137,7 @@ class GuardedDecoder:
 
     def __init__(self, plugin: Plugin, decoder: Decoder) -> None:
         self.plugin, self.decoder = plugin, decoder
+        self.only_changes = bool(getattr(decoder, "only_changes", False))
 
     def decode(self, msgtype: str, message: object, t_s: float) -> Decoded | None:
         """What the decoder makes of a message.

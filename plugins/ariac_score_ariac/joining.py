@@ -18,6 +18,7 @@ from ariac_score import (
 )
 from ariac_score_ariac.agreement import is_announced, refuse_other_orders
 from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
+from ariac_score_ariac.stock.agv_states import AGVS, AgvState
 from ariac_score_ariac.stock.console import CONSOLE, Said
 from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
 from ariac_score_ariac.stock.score_steps import ScoreSeen
@@ -35,7 +36,7 @@ from ariac_score_ariac.work import (
     submissions_of,
 )
 
-_READ_OFF = (Said, ScoreSeen, RunStatus, HighPriority, ServiceCall)
+_READ_OFF = (Said, AgvState, ScoreSeen, RunStatus, HighPriority, ServiceCall)
 """Records of which all that matters is joined: neither checks nor results need them."""
 _SAME_SUBMISSION_S = 2.0
 """A recorder and the simulator stamp one submission at most so far apart: a call waits, a kit is checked."""
@@ -88,7 +89,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
         team=_with_sensors(merged.team, counted),
         official=_official(merged.official, stock.official, file),
         events=tuple(sorted({*merged.events, *stock.events})),
-        witnessed=merged.witnessed - {CONSOLE} | stock.witnessed,
+        witnessed=merged.witnessed - {CONSOLE, *(f"{agv}_state" for agv in AGVS)} | stock.witnessed,
         records=(*_each_once(records), *(_still_open(stock, submissions) if from_stock else ())),
         log_defects=tuple(sorted(defects)),
     )

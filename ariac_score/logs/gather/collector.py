@@ -39,6 +39,7 @@ from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.numbering import Numbering, TopicNumbering, Unknown, note_contested
 from ariac_score.logs.gather.position_frames import PositionFrames
+from ariac_score.logs.gather.repeats import changed
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import Placed, TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
@@ -170,6 +171,7 @@ class Collector:
         self._decode_waiting(self._pending.empty())
 
     def _decode_waiting(self, waiting: Mapping[Connection, Waiting]) -> None:
+        waiting = {c: messages for c, messages in waiting.items() if not self._took_changes(c, messages)}
         alone = self._one_by_one(waiting)
         together = PoseBatch()
         for connection, messages in waiting.items():
@@ -195,6 +197,28 @@ class Collector:
             targets.update(target for c in alone for target in self._routes[c].targets())
             alone |= {c for c in waiting if not targets.isdisjoint(self._routes[c].targets())}
         return [c for c in waiting if c in alone]
+
+    def _took_changes(self, connection: Connection, messages: Waiting) -> bool:
+        """Take the changes of a topic of which nothing else matters; whether it is one."""
+        route = self._routes[connection]
+        if not all(intake.only_changes for intake in route.intakes):
+            return False
+        stamps_ns, places = messages.stamps_ns, changed(messages).tolist()
+        try:
+            decoded = [route.decode(messages.payloads.one(i)) for i in places]
+        except UnknownTypeError:
+            return False
+        if any(hasattr(message, "header") for message in decoded):
+            return False  # stamps of its own are looked at one by one
+        for intake in route.intakes:
+            key = clock_key(intake.channel)
+            self._clocks.without_header(key, len(stamps_ns), declared=intake.channel.stamp == "log")
+            sequences = self._numbering.of(connection, messages.numbers)
+            intake.sent.take(connection, messages.numbers, stamps_ns, sequences)
+            intake.received += len(stamps_ns)
+            for message, stamp_ns in zip(decoded, stamps_ns[places].tolist(), strict=True):
+                intake.take(message, connection.type, stamp_ns)
+        return True
 
     def _decode_columns(self, connection: Connection, messages: Waiting, together: PoseBatch) -> None:
         route = self._routes[connection]
@@ -525,6 +549,8 @@ class _Intake:
         ]
         self._items: list[tuple[str, object, int]] = []
         self._retimed: Callable[[IntArray], IntArray] = np.asarray
+        decoder = wanted.decoders.get(channel.decoder)
+        self.only_changes = not channel.facts and bool(getattr(decoder, "only_changes", False))
 
     def accepts(self, connection: Connection) -> bool:
         """Whether the messages of a connection are for this channel."""

@@ -26,6 +26,7 @@ class Evidence:
         seen: What lay at a place at a time; `None` where no message shows it.
         steps: Those of the score, where it is recorded and nothing else can have changed it.
         ended_s: When the competition ended, s of trial time; `None`: the recording stops before.
+        console: Whether the lines of the simulator are recorded; otherwise a missing one says nothing.
     """
 
     completions: Sequence[Completion]
@@ -33,6 +34,7 @@ class Evidence:
     seen: Callable[[str, float], Kit | None]
     steps: ScoreSteps | None
     ended_s: float | None
+    console: bool = True
 
     def completion(self, task: str) -> float | None:
         """What the final score prints that a shipment was worth, before any factor; `None`: nothing."""

@@ -23,6 +23,7 @@ __all__ = ["Named", "named_submissions"]
 
 _UNFINISHED = "the recording stops before the end of the competition"
 _UNNAMED = "kits left, and the simulator does not print as which shipment"
+_IN_PLACE = "the console is not recorded, and no course of the score shows that nothing else was handed in"
 _ASSEMBLY = "the simulator prints nothing when an assembly is handed in"
 
 
@@ -57,6 +58,7 @@ def named_submissions(deliveries: Sequence[Delivery], orders: Sequence[Order], e
     known += named_assemblies(orders, evidence, deliveries, kits_left)
     claimed = {s.item_id for s in known}
     why: dict[str, str] = {}
+    times_s = [delivery.t_s for delivery in deliveries]
     for task in (task for order in orders for task in order.tasks if task.id not in claimed):
         if task.kind == "assembly":
             if evidence.printed is None or task.id in evidence.printed:
@@ -65,11 +67,14 @@ def named_submissions(deliveries: Sequence[Delivery], orders: Sequence[Order], e
             why[task.id] = _UNNAMED
         elif evidence.ended_s is None:
             why[task.id] = _UNFINISHED
+        elif not evidence.console and not (evidence.steps and evidence.steps.are_all(times_s)):
+            why[task.id] = _IN_PLACE
     reasons = sorted(set(why.values()))
     opened = [OpenTasks(frozenset(t for t in why if why[t] == reason), reason) for reason in reasons]
     left_over = len(unnamed) - len(found.submissions())
     message = "kits left, and nothing recorded says as which shipment"
-    defects = (LogDefect("unnamed_submission", "/rosout", left_over, message),) if left_over else ()
+    where = "/rosout" if evidence.console else "states of AGVs"
+    defects = (LogDefect("unnamed_submission", where, left_over, message),) if left_over else ()
     return Named(tuple(sorted(known, key=lambda s: s.submitted_s)), tuple(opened), defects)
 
 
@@ -142,6 +147,7 @@ class _Kits:
         if printed is not None and task.id not in printed:
             return False
         only = [other.kind for other in order.tasks] == ["kitting"]
+        only = only and self._evidence.console
         if only and order.id not in self._stack.complete and self._stack.would_print(order, delivery.t_s):
             return False
         kit = self._evidence.seen(delivery.agv, delivery.t_s)

@@ -89,6 +89,7 @@ class ScoreSteps:
             self._messages = []
         self._times = [message.t_s for message in self._messages]
         self._unseen = max(unseen_drops - falls, 0.0)
+        self._until_s = until_s
 
     def worth(self, t_s: float, others_s: Sequence[float]) -> tuple[float, float] | None:
         """Least and most that what was handed in at a time was worth; `None` where that cannot be told.
@@ -116,6 +117,22 @@ class ScoreSteps:
             and b.t_s - a.t_s <= _LONGEST_GAP_S
             and not any(a.t_s - _SETTLED_S <= t_s <= b.t_s for t_s in apart_from_s)
         ]
+
+    def are_all(self, apart_from_s: Sequence[float]) -> bool:
+        """Whether the score was seen until the end and rose only by what was handed in at these times."""
+        return self._reach_the_end and not any(
+            b.points > a.points and not any(a.t_s - _SETTLED_S <= t_s <= b.t_s for t_s in apart_from_s)
+            for a, b in pairwise(self._messages)
+        )
+
+    @property
+    def show_no_contact(self) -> bool:
+        """Whether arms cannot have touched, for the score is not nothing at the end."""
+        return self._reach_the_end and self._messages[-1].points > 0
+
+    @property
+    def _reach_the_end(self) -> bool:
+        return bool(self._messages) and self._messages[-1].t_s >= self._until_s - _LONGEST_GAP_S
 
     def _is_whole(self, first: int, last: int) -> bool:
         return all(self._times[i + 1] - self._times[i] <= _LONGEST_GAP_S for i in range(first, last))

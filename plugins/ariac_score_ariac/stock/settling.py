@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +20,8 @@ from ariac_score import (
 from ariac_score_ariac.kits import RecordedKits
 from ariac_score_ariac.official.ariac_text import printed_score
 from ariac_score_ariac.official.places import place_of
+from ariac_score_ariac.service_calls import submissions_called
+from ariac_score_ariac.stock.agv_states import AGVS, AgvState, deliveries_shown
 from ariac_score_ariac.stock.console import (
     CONSOLE,
     GAZEBO,
@@ -78,7 +80,7 @@ def stock_of(merged: Trial, parts: Sequence[Trial], orders: Sequence[Order], fil
         LogError: What is printed contradicts itself.
     """
     if not any(CONSOLE in part.witnessed for part in parts):
-        return Stock()
+        return _of_agvs(merged, parts, orders)
     said = {node: said_by(parts, node) for node in (TASK_MANAGER, GAZEBO)}
     try:
         verdicts = verdicts_of(said[TASK_MANAGER])
@@ -205,11 +207,10 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
     ended_s = merged.ended_s if merged.ended_s is not None else min(ends, default=None)
     deliveries = _with_boxes(deliveries_said(said), parts)
     printed = _submitted(official, orders)
-    boxes = RecordedKits(record for part in parts for record in part.records if isinstance(record, Kit))
     evidence = Evidence(
         completions_said(said),
         printed,
-        lambda place, t_s: boxes.seen(place, t_s, max_age_s=_LATEST_S) if place else None,
+        _seen(parts),
         _steps(
             merged, parts, events, orders, counts_drops=PART_DROPPED in (score.witnessed if score else ())
         ),
@@ -222,6 +223,31 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
     if named_agvs or any(not delivery.shipment for delivery in deliveries):
         witnessed.add(ARM_COLLISION)
     return Stock(named.submissions, official, frozenset(witnessed), tuple(events), named.open, named.defects)
+
+
+def _of_agvs(merged: Trial, parts: Sequence[Trial], orders: Sequence[Order]) -> Stock:
+    """What left where nothing is printed: by the states of all AGVs there are, or nothing."""
+    to_stations = any(task.station for order in orders for task in order.tasks)
+    names = AGVS if to_stations else AGVS[:2]  # four of them from 2021 on, as are stations
+    if not orders or not {f"{agv}_state" for agv in names} <= merged.witnessed:
+        return Stock()
+    if any(part.submissions for part in parts) or submissions_called(parts):
+        return Stock()  # these name what was handed in
+    states = [record for part in parts for record in part.records if isinstance(record, AgvState)]
+    start_s = min((o.announced_s for o in orders if o.announced_s is not None), default=0.0)
+    deliveries = deliveries_shown(states, names, start_s, merged.ended_s)
+    if deliveries is None:
+        return Stock()
+    steps = _steps(merged, parts, merged.events, orders, counts_drops=False)
+    evidence = Evidence((), None, _seen(parts), steps, merged.ended_s, console=False)
+    named = named_submissions(deliveries, orders, evidence)
+    witnessed = {"submissions"} | ({ARM_COLLISION} if steps and steps.show_no_contact else set())
+    return Stock(named.submissions, None, frozenset(witnessed), (), named.open, named.defects)
+
+
+def _seen(parts: Sequence[Trial]) -> Callable[[str, float], Kit | None]:
+    kits = RecordedKits(record for part in parts for record in part.records if isinstance(record, Kit))
+    return lambda place, t_s: kits.seen(place, t_s, max_age_s=_LATEST_S) if place else None
 
 
 def _steps(
