@@ -178,6 +178,19 @@ def test_nothing_sticks_out_sideways(open_page: Any, hostile_file: Path, file: P
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+def test_on_a_phone_no_finding_has_to_be_scrolled_sideways(
+    open_page: Any, hostile_file: Path, file: Path
+) -> None:
+    for one in (file, hostile_file):
+        page = open_page(one, viewport={"width": 390, "height": 800}).page
+        tables = page.locator(".scroll:has(> table.findings)")
+        assert tables.count() > 5
+        widths = "all => all.map(one => [one.scrollWidth - one.clientWidth, one.clientWidth])"
+        assert {beyond for beyond, wide in tables.evaluate_all(widths) if wide} == {0}
+        ends = "all => Math.max(...all.map(one => one.getBoundingClientRect().right))"
+        assert page.locator("table.findings td").evaluate_all(ends) <= 390
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_serious_fault_of_accessibility(
     open_page: Any, faults_of: Any, file: Path, hostile_file: Path, scheme: str
