@@ -371,7 +371,9 @@ def extremes(t: FloatArray, columns: Iterable[FloatArray], stretches: int) -> ND
 def _routes(trial: Trial, instants_s: Mapping[str, Sequence[float]]) -> Iterable[DrawnPath]:
     most = _share(PLACES // max(len(trial.bodies), 1), FEWEST_PLACES, MOST_PLACES)
     found = list(_motions(trial))
-    axes = 3 if any(np.ptp(one.places[:, 2]) > _RISES_M for one in found) else 2
+    heights = [one.places[:, 2] for one in found if one.places.shape[1] > 2]
+    rises = len(heights) == len(found) and any(np.ptp(height) > _RISES_M for height in heights)
+    axes = 3 if rises else 2
     extent_m = max((float(np.ptp(one.places[:, :axes], axis=0).max()) for one in found), default=0.0)
     near_m = min(max(extent_m * _NEAR_OF_EXTENT, _LEAST_NEAR_M), NEAR_M)
     for one in found:
