@@ -28,7 +28,8 @@ class Measure:
         role: What it is in a score.
         best: Its value in a trial that nothing can be said against, which a ledger compares with;
             `None`: what the role says, and for a `measure` that nobody can say.
-        meaning: In words, for pages and `plugins show`.
+        meaning: In words, for pages and `plugins show`; of what is 1 or 0 such as
+            `1 where the task was completed`, and rulebooks ask whether the task was completed.
         signed: Whether it may be negative, as an offset in time may; `None`: unless it is a time or a
             count. The engine refuses findings in which it is, and may not be.
         worst: Its value where nothing speaks for the trial, which an undecided finding is priced with in the
@@ -51,6 +52,16 @@ class Measure:
     def is_never_negative(self) -> bool:
         """Whether no finding may have it below 0."""
         return self.signed is False or (self.signed is None and self.unit in ("s", "count"))
+
+    @property
+    def condition(self) -> str:
+        """What is so where it is not 0, in words; empty where its meaning does not say that.
+
+        >>> Measure("count", meaning="1 where arms collided, else 0").condition
+        'arms collided'
+        """
+        said = self.meaning.removesuffix(", else 0")
+        return said.removeprefix("1 where ") if said.startswith("1 where ") else ""
 
     @property
     def reference(self) -> float | None:

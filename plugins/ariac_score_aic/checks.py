@@ -54,7 +54,7 @@ class TaskTime:
         "task_time_s": Measure(
             "s", best=0.0, worst=1e6, signed=True, meaning="from start to end of the task"
         ),
-        "completed": Measure("count", best=1.0, worst=0.0, meaning="1 where it was completed"),
+        "completed": Measure("count", best=1.0, worst=0.0, meaning="1 where the task was completed"),
         "timed": Measure("count", best=1.0, worst=0.0, meaning="1 where start and end are known"),
     }
 

@@ -164,9 +164,13 @@ class Insertion:
     mistake: ClassVar[tuple[str, str]] = ("plug not in its port", "plugs not in their ports")
     level: ClassVar[str] = "connection"
     measures: ClassVar[Mapping[str, Measure]] = {
-        "right_port": Measure("count", best=1.0, worst=0.0, meaning="1 where an event says so"),
-        "wrong_port": Measure("count", best=0.0, worst=1.0, meaning="1 where an event names another port"),
-        "partial": Measure("count", best=1.0, worst=0.0, meaning="1 where it is partly in its port"),
+        "right_port": Measure(
+            "count", best=1.0, worst=0.0, meaning="1 where an event says that the plug is in its port"
+        ),
+        "wrong_port": Measure(
+            "count", best=0.0, worst=1.0, meaning="1 where an event says that the plug is in another port"
+        ),
+        "partial": Measure("count", best=1.0, worst=0.0, meaning="1 where the plug is partly in its port"),
         "placed": Measure(
             "count", best=1.0, worst=0.0, meaning="1 where the places of all are known at the end"
         ),

@@ -145,6 +145,9 @@ def test_an_example_has_as_much_work_as_its_competition_and_nothing_wrong_that_i
     worth = 1 + 75 + 12 * (60 - 30) / (60 - 5) + 6 + 6 * (1 - 1 / 50)
     assert f"One mistake in a made task with 1 connection that is worth {worth:.6g} when all is right" in text
     assert "right port 1, within reach 1 m, wrong port 0" in text
+    # A flag is asked for as people say it.
+    assert "if an event says that the plug is in its port; \N{MINUS SIGN}12 points" in text
+    assert "measures is not 0" not in text
 
 
 def test_a_law_that_the_file_owns_up_to_is_never_said_to_hold(paper: Rulebook) -> None:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 from ariac_score.checks.contracts import Monitor
 from ariac_score.checks.findings import COUNT, POINTS
-from ariac_score.checks.measures import measures_of
+from ariac_score.checks.measures import Measure, measures_of
 from ariac_score.checks.parameters import parameter_meanings, sections_of
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared, prepare
@@ -132,17 +132,25 @@ class _Book:
     def speaker(self) -> Speaker:
         """Says its formulas."""
         return Speaker(
-            self.rules.parameters, frozenset(self.rules.checks), self.words, self.rules.sheet.levels[0]
+            self.rules.parameters,
+            frozenset(self.rules.checks),
+            self.words,
+            self.rules.sheet.levels[0],
+            self.measures,
         )
+
+    @cached_property
+    def measures(self) -> Mapping[str, Mapping[str, Measure]]:
+        """What its checks measure, by their names."""
+        return {name: measures_of(each.check) for name, each in self.prepared.checks.items()}
 
     @cached_property
     def made(self) -> Made:
         """Trials made for it."""
-        measures = {name: measures_of(each.check) for name, each in self.prepared.checks.items()}
         bridged = bridged_pauses(self.rules, self.prepared.registry)
         competition = self.prepared.competition
         parts = getattr(competition.check, "usual_items", PARTS) if competition else PARTS
-        return Made(self.rules, self.events, bridged, measures, parts)
+        return Made(self.rules, self.events, bridged, self.measures, parts)
 
     @cached_property
     def alone(self) -> Made:

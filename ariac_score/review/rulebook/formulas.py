@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ariac_score.checks.measures import Measure
 from ariac_score.review.rulebook.blocks import figure, in_words, with_unit
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.named import NamedParameter
+from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.words import Words
 
 __all__ = ["Speaker", "quoted"]
@@ -49,12 +51,14 @@ class Speaker:
         checks: The names of its checks.
         words: Of its competition.
         innermost: The level of work inside which there is none.
+        measures: What each check measures, by its name.
     """
 
     parameters: Mapping[str, NamedParameter]
     checks: frozenset[str]
     words: Words
     innermost: str
+    measures: Mapping[str, Mapping[str, Measure]] = field(default_factory=lambda: FrozenMap({}))
 
     def says(self, formula: Expression) -> str:
         """The formula in words."""
@@ -273,6 +277,10 @@ class Speaker:
             }
             if function in asked:
                 return asked[function]
+        if function == "measure" and first in self.measures:
+            measure = self.measures[first].get(ast.unparse(node.args[1]))
+            if measure is not None and measure.condition:
+                return measure.condition
         if function == "absent":
             return f"there is no {self._name(first)}"
         if function in ("any", "all") and len(node.args) == 1 and (level := self._level(node.args[0])):
