@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ariac_score.cli.notes import counted, is_quiet, note
+from ariac_score.cli.partial import add_partial
 from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
 from ariac_score.errors import RuleSetError, ScoreError, UsageError
 from ariac_score.ranking.compare import differences
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="competition: show the ranking with these values of a number of the rules, each with each "
         "where given more than once; instead of 'what_if:' in competition.yaml",
     )
+    add_partial(parser, "competition: also rank runs whose logs are cut off; the ranking is unofficial")
 
 
 def refuse_site_arguments(arguments: argparse.Namespace) -> None:
@@ -75,7 +77,7 @@ def refuse_site_arguments(arguments: argparse.Namespace) -> None:
     Raises:
         UsageError: One of these options is given.
     """
-    for name in ("rules", "adjustments", "results", "previous", "sensitivity", "what_if"):
+    for name in ("rules", "adjustments", "results", "previous", "sensitivity", "what_if", "partial"):
         if getattr(arguments, name):
             option = f"--{name.replace('_', '-')}"
             raise UsageError(
@@ -107,10 +109,10 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
             rule_set,
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
             sketches=True,
+            partial=bool(arguments.partial),
         )
-    ranking = adjusted_by_stewards(
-        arguments.adjustments, competition, spec, rule_set, rank_results(competition, spec, rule_set, results)
-    )
+    ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
+    ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)
     strict = evaluation_of(competition, rule_set, spec) if competition.runs else None
     found = differences(strict, ranking) if strict else ()
     sensitivity = _sensitivity(arguments, ranking, competition, rule_set, results)
@@ -144,11 +146,12 @@ def site_of_ranking(arguments: argparse.Namespace) -> int:
             "a stored ranking has no runs to vary parameters of",
             hint="give the output of 'sensitivity COMPETITION -o FILE.json'",
         )
-    if arguments.rules or arguments.adjustments or arguments.what_if:
-        given = "--rules" if arguments.rules else "--adjustments" if arguments.adjustments else "--what-if"
-        raise UsageError(
-            f"{given} does not apply to a stored ranking", hint="drop it, or give the competition"
-        )
+    for name in ("rules", "adjustments", "what_if", "partial"):
+        if getattr(arguments, name):
+            given = f"--{name.replace('_', '-')}"
+            raise UsageError(
+                f"{given} does not apply to a stored ranking", hint="drop it, or give the competition"
+            )
     previous = _previous(arguments)
     sensitivity = _sensitivity(arguments, publication.ranking)
     folder = arguments.results or results_folder(publication, arguments.result)

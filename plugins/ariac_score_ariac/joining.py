@@ -122,7 +122,7 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
     order is ignored, and so is one that names no announced order.
 
     Raises:
-        LogError: An order is announced again with other contents.
+        LogError: An order is announced again with other contents or another priority.
 
     Source:
         ARIAC 2019, section "code" of the rulebook: update, priority.
@@ -132,12 +132,14 @@ def settle_orders(announced: Sequence[Order], *, file: object = None) -> tuple[O
     for order in announced:
         known = first.setdefault(order.id, order)
         # With the first announcement: an update may have changed the order since.
-        if not order.updates and order.tasks != known.tasks:
-            raise LogError(
-                f"order {order.id!r} is announced twice, with different contents",
-                file=file,
-                hint="a change of an order is an update of its own id, such as order_0_update_0",
-            )
+        said = [o.priority for o in (known, order) if o.priority_said]
+        for what, differs in (("contents", order.tasks != known.tasks), ("priorities", len({*said}) > 1)):
+            if differs and not order.updates:
+                raise LogError(
+                    f"order {order.id!r} is announced twice, with different {what}",
+                    file=file,
+                    hint="a change of an order is an update of its own id, such as order_0_update_0",
+                )
         if order.id in orders:
             continue  # an update with the id of an announced order, or the order once more
         if not order.updates:

@@ -187,13 +187,28 @@ def test_an_option_that_is_no_name_with_numbers_of_the_rules_is_refused_before_a
     assert "no number 'aproach' to vary" in capsys.readouterr().err
 
 
-def test_what_if_of_a_stored_ranking_or_a_trial_is_refused(
-    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("option", [["--what-if", "approach=1"], ["--partial"]])
+def test_an_option_about_runs_is_refused_of_a_stored_ranking_or_a_trial(
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: list[str]
 ) -> None:
     for given in (site / "data/ranking.json", ROOT / "examples/kitting_near_miss.result.json"):
-        options = [str(given), "-o", str(tmp_path / "out"), "--what-if", "approach=1"]
-        assert main(["report", *options]) == 4
-        assert "--what-if" in capsys.readouterr().err
+        assert main(["report", str(given), "-o", str(tmp_path / "out"), *option]) == 4
+        assert option[0] in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("partial", [False, True])
+def test_a_run_whose_log_is_cut_off_is_ranked_on_a_site_where_that_is_asked_for(
+    recorded: Path, tmp_path: Path, *, partial: bool
+) -> None:
+    shutil.copytree(recorded, tmp_path / "cell")
+    log = tmp_path / "cell/logs/fox/crossing_2.mcap"
+    log.write_bytes(log.read_bytes()[:-200])
+    main(["report", str(tmp_path / "cell"), "-o", str(tmp_path / "out"), *(["--partial"] * partial)])
+
+    stored = json.loads((tmp_path / "out/data/ranking.json").read_text(encoding="utf-8"))
+    outcomes = {run["outcome"] for run in stored["runs"] if run["team"] == "fox"}
+    assert ("unofficial" in outcomes) is partial
 
 
 # Drawings ------------------------------------------------------------------------------

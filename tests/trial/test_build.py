@@ -97,6 +97,15 @@ def test_an_order_announced_again_with_other_contents_is_refused() -> None:
         settle_orders([Order("a", (FIRST,), announced_s=1.0), Order("a", (SECOND,), announced_s=5.0)])
 
 
+def test_an_order_announced_again_with_another_priority_is_refused_where_both_are_said() -> None:
+    once = Order("a", (FIRST,), announced_s=1.0)
+
+    with pytest.raises(LogError, match="'a' is announced twice, with different priorities"):
+        settle_orders([once, Order("a", (FIRST,), announced_s=5.0, priority=3)])
+    unsaid = Order("a", (FIRST,), announced_s=5.0, priority=3, priority_said=False)
+    assert settle_orders([once, unsaid]) == (once,)
+
+
 @pytest.mark.parametrize(
     ("order", "what"),
     [
