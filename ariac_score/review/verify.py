@@ -322,11 +322,11 @@ def _rules(result: Result, root: _Root | None) -> Step:
         found = differences(own.expanded, root.rule_set.expanded)
         words = listed(found, "in the result", f"in {root.rule_set.id} {root.whose}")
         words = f"{name} is another rule set than {root.rule_set.id} {root.whose}: {words}"
-        return Step("rules", FAILED, words if root.whose == "as given" else f"{words}\n{_OTHER_EDITION}")
+        return Step("rules", FAILED, words if root.whose == "as given" else f"{words}\n{_OTHER_VERSION}")
     return Step("rules", OK, f"{name} {root.whose}, sha256 {root.rule_set.sha256[:16]}…")
 
 
-_OTHER_EDITION = "if it was scored by another edition of these rules, give that one: --rules FILE"
+_OTHER_VERSION = "if it was scored by another version of these rules, give that one: --rules FILE"
 
 
 def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:

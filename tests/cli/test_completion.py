@@ -27,7 +27,7 @@ def _offered(line: str) -> list[str]:
         ("-v sc", ["score"]),
         ("--config sc", []),  # a file
         ("rm", ["rml"]),  # of a plugin
-        ("rules ", ["list", "show", "diff", "validate", "check"]),
+        ("rules ", ["list", "show", "diff", "validate", "check", "prove"]),
         ("rules sh", ["show"]),
         ("rules show paper", ["paper2020", "paper2020.human_state"]),
         ("rules diff paper2020 paper2020.", ["paper2020.human_state"]),
