@@ -12,6 +12,7 @@ from ariac_score_aic.consumption import Consumed, Consumption
 from ariac_score_aic.messages import (
     CONTACTS,
     CONTROLLER,
+    EVENT,
     SCORING_STATIC,
     SCORING_TF,
     TF,
@@ -30,6 +31,7 @@ __all__ = ["made_trial"]
 
 _SECOND_NS = 10**9
 _CONNECTION = Connection("cable_0", "sfp_tip", "nic_card_mount_0", "sfp_port_0")
+_INSERTED = b"nic_card_mount_0/sfp_port_0"
 _NAMES = (
     "aic_world",
     "task_board",
@@ -70,10 +72,14 @@ def _messages() -> AicMessages:
     return AicMessages(
         "bag_trial_1_20260520_101112_345",
         (0, 30 * _SECOND_NS),
-        {TF: 1500, CONTROLLER: 1500, WRENCHES[0]: 1500, CONTACTS: 0},
+        {TF: 1500, CONTROLLER: 1500, WRENCHES[0]: 1500, CONTACTS: 1500, EVENT: 1},
         _transforms(order, stamps, height_m),
         Controller(order, stamps, velocity_m_s, np.zeros((len(stamps), 3))),
         {WRENCHES[0]: Wrenches(order + 1, stamps, force_n)},
+        events=Texts(
+            np.array([3601]), np.array([24 * _SECOND_NS]), np.array([24 * _SECOND_NS]), (_INSERTED,)
+        ),
+        contact_ns=stamps,
         log=Texts(np.array([1]), np.array([0]), np.array([_SECOND_NS]), (b"SwitchToAICController::Execute",)),
     )
 

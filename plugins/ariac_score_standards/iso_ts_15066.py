@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from ariac_score import Measure, parameter
 from ariac_score.monitors import (
@@ -53,6 +54,8 @@ class SsmSeparation(SsmFormula, MarginMonitor):
         d_min. Profile `standard`: directed speeds, never below 0, surface distances,
         a human at 1.6 m/s, linear stop; its times and margins are our choice.
     """
+
+    example: ClassVar[Mapping[str, Any]] = {"profile": "seed"}
 
     reduced_mass_kg: float | None = parameter(
         None, unit="kg", above=0, source="where given, the energy of closing in is measured too"

@@ -1307,7 +1307,7 @@ def test_a_table_that_leads_astray_is_refused(
 @pytest.mark.parametrize(
     ("becomes", "cause"),
     [
-        (lambda place: os.truncate(place, 400 * 10**9), "it has 400000000000 bytes, and no result more than"),
+        (lambda place: os.truncate(place, 400 * 10**9), "it has 400,000,000,000 bytes, and such a file"),
         (lambda place: (place.unlink(), os.mkfifo(place)), "it is no plain file"),
     ],
 )

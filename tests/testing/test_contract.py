@@ -292,7 +292,7 @@ BAD: dict[str, tuple[str, str, str, str]] = {
         "        while True:\n            x = 0\n            try:\n                x = 1\n"
         "            except Exception:\n                pass\n" + SPEAK,
         "time_budget",
-        "ran longer than its budget of 0.04",
+        "ran longer than its budget of 0.05",
     ),
     "prints": (
         SPEAK,

@@ -54,7 +54,7 @@ def test_a_page_has_what_was_declared_about_parameters() -> None:
     assert "| parameter | meaning | type | default | unit | range | status | source |" in page
     declared = "float | 1.6 | m/s | at least 0, at most 20 | verified | "
     assert f"| `human_speed_m_s` | Assumed speed of the human | {declared}" in page
-    assert "| `speed` | m/s | 0.25 s | scalar speed" in page
+    assert "| `speed` | m/s | 0.05 s | scalar speed" in page
     # The near miss of the example, worked out in ariac_score.testing.trials.
     assert "18.81 s to 21.21 s: too close for 2.40 s" in page
 
