@@ -118,6 +118,10 @@ SHIPPED = {
         "trial_log",
     ],
     "ariac_score.decoders": [
+        "ariac.agv1_state",
+        "ariac.agv2_state",
+        "ariac.agv3_state",
+        "ariac.agv4_state",
         "ariac.console",
         "ariac.current_score",
         "ariac.service_calls",
