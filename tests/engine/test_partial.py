@@ -20,7 +20,7 @@ import pytest
 from ariac_score import LogError, Result, Trial, Verdict, load_result, score_trial
 from ariac_score.errors import CutOffError
 from ariac_score.results.result_file import as_json
-from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_event_log, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 from ariac_score_ariac.work import orders_of
@@ -326,3 +326,40 @@ def test_a_real_recording_that_was_cut_off_contains_what_the_whole_one_has(tmp_p
     assert honest is not None
     assert contains(ends(cut), honest)
     assert cut.status == "scored"
+
+
+@pytest.mark.slow
+def test_an_event_log_of_another_monitor_that_was_killed_is_scored_as_far_as_it_goes(tmp_path: Path) -> None:
+    honest = ends(
+        score_trial(write_event_log(tmp_path / "whole.txt", recorded_messages(kitting_trial())), "paper2020")
+    )
+    log = tmp_path / "trial.txt"
+    log.write_bytes((tmp_path / "whole.txt").read_bytes()[:340_000])
+    (tmp_path / "trial.yaml").write_text(configuration(kitting_trial()))
+
+    with pytest.raises(CutOffError):
+        score_trial(log, "paper2020")
+    result = score_trial(log, "paper2020", partial=True, also=[tmp_path / "trial.yaml"], root=tmp_path)
+
+    assert honest is not None
+    assert contains(ends(result), honest)
+    assert result.measured.unofficial
+
+
+GAZEBO = Path(__file__).parents[2].parent / "shared/bags/gazebo/ariac2022_kitting_state.log"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not GAZEBO.is_file(), reason=f"the real state.log of 2022 is not at {GAZEBO}")
+def test_a_state_log_of_a_killed_simulator_ends_a_second_before_its_last_frame(tmp_path: Path) -> None:
+    data = GAZEBO.read_bytes()
+    log = tmp_path / "state.log"
+    log.write_bytes(data[: len(data) * 6 // 10])
+
+    result = score_trial(log, "safety", partial=True)
+
+    (said,) = (d.message for d in result.measured.log_defects if "</gazebo_log>" in d.message)
+    assert result.measured.cut is not None
+    last_s = float(said.partition("read up to ")[2].partition(" s")[0])
+    assert result.measured.cut.until_s == pytest.approx(last_s - 1.0, abs=1e-3)
+    assert result.measured.unofficial
