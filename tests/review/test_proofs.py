@@ -408,6 +408,15 @@ def test_what_the_slightest_violation_costs(tmp_path: Path) -> None:
     assert found == ("one sample of separation, hardly violated, takes 25 % of a piece",)
 
 
+def test_a_border_is_known_where_rules_measure_what_work_is_worth() -> None:
+    found = borders(subject_of("aic2026.strict_penalised", REGISTRY), None)
+
+    # 1/(1 + demerits): demerits of one sample, weighed as each class of the penalty is.
+    assert [line.partition(",")[0] for line in found] == [
+        f"one sample of {check}" for check in ("off_limit_contact", "separation", "wrist_force")
+    ]
+
+
 # Shipped rule sets ---------------------------------------------------------------------
 
 PAGE = Path(__file__).parents[2] / "docs/laws.md"

@@ -8,9 +8,12 @@ violation and without a step, so the step is.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
-from ariac_score.review.laws.cases import Case, Violation
+from ariac_score.errors import FormulaError
+from ariac_score.review.laws.cases import Case, Violation, World
 from ariac_score.review.proofs.elasticity import works
 from ariac_score.review.proofs.grades import Grades
 from ariac_score.review.proofs.quantities import VIOLATIONS
@@ -29,13 +32,27 @@ def borders(subject: Subject, solver: Solver | None) -> tuple[str, ...]:
 
 def _least_prices(subject: Subject) -> Iterator[str]:
     world = subject.world
-    clean = world.score(Case(((1,),)))
-    for check in world.safety if clean else ():
+    case = _earning_case(world)
+    if case is None:
+        return
+    for check in world.safety:
         length = 0 if check in world.events else 1
-        violated = world.score(Case(((1,),), violations=(Violation(check, 0, 0, length, 0.1),)))
-        if clean is not None and violated is not None and clean > 0:
+        hardly = replace(case, violations=(Violation(check, 0, 0, length, 0.1),))
+        clean, violated = world.score(case), world.score(hardly)
+        if clean and violated is not None:
             share = 100 * (1 - violated / clean)
             yield f"one sample of {check}, hardly violated, takes {share:.3g} % of a piece"
+
+
+def _earning_case(world: World) -> Case | None:
+    """One piece of work that earns something: what rules measure is 1 in it, or else 0."""
+    names = [f"{check}.{name}" for check, measured in world.measured.items() for name in measured]
+    for value in (1.0, 0.0):
+        case = Case(((1,),), numbers=dict.fromkeys(names, value))
+        with suppress(FormulaError):  # it has no value for these numbers
+            if (world.score(case) or 0) > 0:
+                return case
+    return None
 
 
 def _going_on(subject: Subject, solver: Solver) -> Iterator[str]:
