@@ -94,16 +94,9 @@ def verify_result(
         result = read_result(path)
     except ResultError as error:
         return Verification((*_unread(error, data), *signed), None)
-    steps = [Step("schema", OK, data["schema"])]
-    steps.append(Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}"))
-    steps += _follows(result)
-    if result.is_former:
-        steps.append(Step("ledger", NOTE, _FORMER))
-    steps.append(_possible(result.measured))
-    steps.append(_canonical(text, data["schema"], result))
     competition = None if log is None else competition_at(log, result.provenance.rule_set.id)
     root = _root_of(rules, competition, result)
-    steps.append(_rules(result, root))
+    steps = [*_by_itself(result, text, data["schema"]), _rules(result, root)]
     steps.append(_code(result, files_run=local_plugins and log is not None, with_log=log is not None))
     decided = adjustments or (competition.adjustments if competition is not None else None)
     if result.adjusted is not None or adjustments is not None:
@@ -134,6 +127,17 @@ def verify_result(
         path=path,
     )
     return Verification(tuple(steps), result)
+
+
+def _by_itself(result: Result, text: str, schema: str) -> Iterator[Step]:
+    """Whether a result agrees with itself."""
+    yield Step("schema", OK, schema)
+    yield Step("sums", OK, f"every line of the ledger adds up to {_amount(result)}")
+    yield from _follows(result)
+    if result.is_former:
+        yield Step("ledger", NOTE, _FORMER)
+    yield _possible(result.measured)
+    yield _canonical(text, schema, result)
 
 
 _NO_LOG = (
