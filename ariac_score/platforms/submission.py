@@ -143,7 +143,9 @@ class Scored:
 
 def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str]) -> str:
     """The description of a phase, for its reference data."""
-    rule_set = Pinned(setting.rules_id, setting.rules_sha256)
+    # As they are packed, which is not as they were written where they name a log map of their own.
+    packed = replace(setting, rules=rules_and_log_map(setting)[RULES].decode())
+    rule_set = Pinned(setting.rules_id, packed.rules_sha256)
     return PHASE_FORMAT.text(PhaseDescription(name, rule_set, setting.limits, trials))
 
 

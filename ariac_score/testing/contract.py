@@ -58,6 +58,8 @@ OURS = "ariac-score"
 """The distribution whose monitors have to say what gaps leave open."""
 
 _LISTED = ", ".join(IN_GAPS)
+_GAP_S = 2.0
+"""How long each of the two gaps of `SIGNAL_VARIANTS` is, s."""
 _DECIDED = (Verdict.SATISFIED, Verdict.VIOLATED)
 
 
@@ -326,7 +328,8 @@ class _Checked:
         gappy = replace(SIGNAL_VARIANTS["gaps"](self.trial), between=between_samples({}, {}))
         found, opened = ask_worlds(self.plugin, "contract", self.check, gappy, notice=lambda _o, _f: None)
         silent = not opened and all(f.verdict is not Verdict.INCONCLUSIVE for f in found)
-        if said == "blunt" and silent and any(f.verdict is Verdict.SATISFIED for f in found):
+        longer = getattr(self.check, "max_gap_s", 0.0) < _GAP_S  # than what it accepts
+        if said == "blunt" and longer and silent and any(f.verdict is Verdict.SATISFIED for f in found):
             raise self.broken("says that a gap may hide anything, and is satisfied across two of 2 s")
 
     def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:

@@ -119,7 +119,7 @@ def _disbelieved(signal: Signal, jumped: BoolArray) -> tuple[Disbelieved, ...]:
     for span in holes_around(signal.t, jumped):
         rows = np.flatnonzero(jumped & (signal.t >= span.start_s) & (signal.t <= span.end_s))
         first = int(rows[0])
-        step = np.sqrt(np.square(signal.values[first] - signal.values[first - 1]).sum())
+        step = dist(np.atleast_1d(signal.values[first]), np.atleast_1d(signal.values[first - 1]))
         needed = float(step / (signal.t[first] - signal.t[first - 1]))
         values = signal.values[rows]
         ends = (float(values.min()), float(values.max())) if values.ndim == 1 else (-np.inf, np.inf)

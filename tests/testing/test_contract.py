@@ -149,7 +149,13 @@ def _written(name: str, text: str) -> Callable[[Path], Path]:
     return write
 
 
+RUN_2026 = ROOT / "examples/aic/run"
+
 LOGS: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "aic.bag": (lambda _: RUN_2026 / "bag_trial_1_20260520_101112_345", ""),
+    "aic.config": (lambda _: RUN_2026 / "engine_config.yaml", ""),
+    "aic.scoring": (lambda _: RUN_2026 / "scoring.yaml", ""),
+    "aic.task_times": (lambda _: RUN_2026 / "task_times.yaml", ""),
     "ariac_config": (lambda _: ROOT / "tests/data/trial_2022.yaml", ""),
     "ariac_database": (_database, ""),
     "ariac_team": (_written("team.yaml", "sensors:\n  b: {type: break_beam}\n"), ""),

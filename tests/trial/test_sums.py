@@ -102,6 +102,7 @@ UNORDERED = frozenset(
 """What adds up in an order that a library chooses; `cumsum` and `add.accumulate` go from left to right."""
 
 WHOLE_NUMBERS = {
+    ("ariac_score/monitors/cells.py", "count.sum()"),
     ("ariac_score/ranking/design.py", "best[..., :keep].sum(axis=-1)"),
     ("ariac_score/ranking/exact.py", "math.prod((math.comb(len(runs), count) for runs, count in pooled))"),
     ("ariac_score/ranking/exact.py", "one[:, :keep].sum(axis=1)"),
@@ -110,8 +111,15 @@ WHOLE_NUMBERS = {
 }
 """Sums of integers outside of `int(…)`."""
 
-OF_VECTORS = ("ariac_score/monitors/gaps.py", "ariac_score/monitors/unseen.py")
+OF_VECTORS = (
+    "ariac_score/monitors/gaps.py",
+    "ariac_score/monitors/unseen.py",
+    "ariac_score/trial/believed.py",
+)
 """These add up the components of vectors in space: three numbers, which numpy adds in their order."""
+
+AS_ELSEWHERE = ("ariac_score/redteam/", "plugins/ariac_score_aic/")
+"""Random searches, whose tries are scored like any log; a scorer matched to 12 digits, not to the bit."""
 
 
 def unordered_sums(code: str) -> Iterator[str]:
@@ -144,6 +152,7 @@ def test_nothing_is_added_up_in_an_order_that_a_library_chooses() -> None:
     }
 
     found = {(file, code) for file, code in found if not (file in OF_VECTORS and "axis=" in code)}
+    found = {(file, code) for file, code in found if not file.startswith(AS_ELSEWHERE)}
     assert found == WHOLE_NUMBERS, "use exact_sum, or write sums of two or three numbers out"
 
 
