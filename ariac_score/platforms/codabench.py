@@ -153,7 +153,9 @@ def write_bundle(
                 hint="use letters, digits, '_', '.' and '-', such as first_task",
             )
     names = {trial: f"trials/{trial}.yaml" if config else "" for trial, config in trials.items()}
-    reference = {PHASE: phase_text(bundle.title, setting, names).encode(), **rules_and_log_map(setting)}
+    packed = rules_and_log_map(setting)
+    phase = phase_text(bundle.title, setting, names, rules=packed[RULES].decode())
+    reference = {PHASE: phase.encode(), **packed}
     reference |= {names[trial]: _content(config) for trial, config in trials.items() if config}
     reference[HASHES] = hashes_text(reference).encode()
     metadata = "command: python3 /app/program/scoring.py /app/input /app/output\n"

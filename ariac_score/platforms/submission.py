@@ -141,10 +141,9 @@ class Scored:
     results: Mapping[tuple[str, int], Result]
 
 
-def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str]) -> str:
-    """The description of a phase, for its reference data."""
-    # As they are packed, which is not as they were written where they name a log map of their own.
-    packed = replace(setting, rules=rules_and_log_map(setting)[RULES].decode())
+def phase_text(name: str, setting: BatchSetting, trials: Mapping[str, str], *, rules: str = "") -> str:
+    """The description of a phase, for its reference data; `rules` as packed, where that is another text."""
+    packed = replace(setting, rules=rules or setting.rules)
     rule_set = Pinned(setting.rules_id, packed.rules_sha256)
     return PHASE_FORMAT.text(PhaseDescription(name, rule_set, setting.limits, trials))
 
