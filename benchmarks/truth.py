@@ -51,7 +51,7 @@ STEP_S = 0.001
 HUMAN_M_S, ROBOT_M_S = 1.6, 1.0
 LATE_S = 0.03
 ROUNDING = 2e-6
-CUTS = 5e-3
+CUTS = 2e-3
 """Points by which the worst world of fewer samples may be better: bounds are taken from the nearest sample on
 either side, and where stamps may be wrong, or two bodies move, one further away may have bounded more."""
 
