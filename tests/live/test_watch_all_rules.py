@@ -1,0 +1,63 @@
+"""Watching comes to what scoring the recording comes to, under every shipped rule set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ariac_score import as_json, score_trial
+from ariac_score.engine.prepared import prepare
+from ariac_score.errors import ScoreError
+from ariac_score.live.source import source_at
+from ariac_score.live.watch import Settings, Watch
+from ariac_score.scoring.extending import rule_set_names
+from ariac_score.testing import write_bag
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.testing.recordings import recorded_messages
+
+FEW = ("paper2020.published", "safety", "ariac2020.as_documented")
+
+
+def _watched(log: Path, rules: str, record: Path) -> str:
+    settings = Settings(period_s=1e9, tail_period_s=1e9, apart=False)
+    try:
+        return as_json(
+            Watch(source_at(f"replay:{log}?speed=0"), prepare(rules), record, settings=settings).run()
+        )
+    except ScoreError as error:
+        return str(error.cause)
+
+
+def _scored(log: Path, rules: str) -> str:
+    try:
+        return as_json(score_trial(log, rules))
+    except ScoreError as error:
+        return str(error.cause)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("logs")
+    return write_bag(folder / "trial.mcap", recorded_messages(kitting_trial()), storage="mcap")
+
+
+@pytest.mark.parametrize("rules", FEW)
+def test_a_watched_trial_is_worth_what_its_recording_is(rules: str, log: Path, tmp_path: Path) -> None:
+    watched = _watched(log, rules, tmp_path / "seen.mcap")
+
+    assert watched.startswith("{")
+    assert watched == _scored(tmp_path / "seen.mcap", rules)
+
+
+@pytest.mark.slow
+def test_so_it_is_under_every_shipped_rule_set(log: Path, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    """Rules that cannot score this trial say the same of both, too."""
+    results = 0
+    for number, name in enumerate(rule_set_names()):
+        with subtests.test(name):
+            record = tmp_path / f"{number}.mcap"
+            watched = _watched(log, name, record)
+            results += watched.startswith("{")
+            assert watched == _scored(record, name)
+    assert results > 15
