@@ -57,10 +57,12 @@ class Opinion:
     Attributes:
         verdict: One of the words of the protocol, in lower case.
         spec: What is violated and by how much; empty unless the verdict is negative.
+        gap: Whether something before the event was not seen for longer than its monitor accepts.
     """
 
     verdict: str
     spec: str = ""
+    gap: bool = False
 
 
 class Judge(Protocol):
@@ -72,6 +74,10 @@ class Judge(Protocol):
         Raises:
             ValueError: The event cannot be judged; the state does not change.
         """
+        ...
+
+    def unseen(self) -> None:
+        """Note that events are missing here: what was known is known no more, but for what is final."""
         ...
 
 
@@ -263,11 +269,18 @@ def _source(field_map: FieldMap) -> _Source:
 
 
 class _CheckState:
-    """The latest verdict of one check for each subject, with the time of the event that led to it."""
+    """The latest verdict of one check for each subject, with the time of the event that led to it.
+
+    Attributes:
+        gap: Whether the last event was the first after a stretch in which one of the signals was not seen.
+        blind: Whether events are missing of which only events could tell: unknown for ever, unless violated.
+    """
 
     def __init__(self, live: _Live, bodies: Sequence[Body]) -> None:
         self.live, self.watch = live, _watch(live, bodies)
         self.verdicts: dict[str, tuple[InstantVerdict, float | None]] = {}
+        self.gap = self.blind = self._unseen = False
+        self._last_s: dict[str, float] = {}
         # Times are floats: a gap of exactly the longest may come out a little larger.
         self.longest_s = live.max_gap_s + 1e-9
 
@@ -275,6 +288,12 @@ class _CheckState:
         """Have the monitor take samples and events."""
         signals = self.live.signals
         own = [sample for sample in samples if sample.signal in signals]
+        for sample in own:
+            before_s = self._last_s.get(sample.signal)
+            if self._unseen or (before_s is not None and sample.t_s - before_s > self.longest_s):
+                self.gap = True
+            self._last_s[sample.signal] = sample.t_s
+        self._unseen = self._unseen and not own
         if not own and not events:
             return
         try:
@@ -283,6 +302,12 @@ class _CheckState:
         except Exception as cause:
             live = self.live
             raise broken(live.plugin, f"raised {fault_of(cause)}", of=live.name) from cause
+
+    def unseen(self) -> None:
+        """Note that events are missing here."""
+        self.verdicts = {name: one for name, one in self.verdicts.items() if one[0].final}
+        self._unseen = bool(self.live.signals)
+        self.blind = not self.live.signals
 
     def known(self, t_s: float | None) -> Iterator[InstantVerdict]:
         """The verdicts that still count at the time of an event; all of them where it has none."""
@@ -309,6 +334,8 @@ class _RulesJudge:
         """Judge the trace up to and including an event."""
         topic = self._topics.get(channel_of(event), _NOTHING)
         t_s = stamp_s(event)
+        for state in self._states:
+            state.gap = False
         samples: list[Sample] = []
         if topic.sources:
             if t_s is None:
@@ -320,6 +347,11 @@ class _RulesJudge:
             for state in self._states:
                 state.step(samples, events, t_s)
         return self._opinion(t_s)
+
+    def unseen(self) -> None:
+        """Note that events are missing here."""
+        for state in self._states:
+            state.unseen()
 
     def _check_times(self, samples: Sequence[Sample], t_s: float) -> None:
         latest = self._latest
@@ -345,12 +377,13 @@ class _RulesJudge:
                     undecided = True
             # A later event may still violate a check of events alone.
             everything_final = everything_final and bool(state.live.signals)
-            nothing = nothing or not known
+            nothing = nothing or not known or state.gap or state.blind
+        gap = any(state.gap for state in self._states)
         if violated:
             spec = "; ".join(f"{name}: {v.subject}: {v.message}" for name, v in violated)
-            return Opinion(FALSE if any(v.final for _, v in violated) else CURRENTLY_FALSE, spec)
+            return Opinion(FALSE if any(v.final for _, v in violated) else CURRENTLY_FALSE, spec, gap)
         if undecided or nothing or not any(state.verdicts for state in self._states):
-            return Opinion(UNKNOWN)
+            return Opinion(UNKNOWN, gap=gap)
         return Opinion(TRUE if everything_final else CURRENTLY_TRUE)
 
 
@@ -438,11 +471,19 @@ class _SpecJudge:
 
     def __init__(self, watch: EventWatch, guarded: Callable[..., Any]) -> None:
         self._watch, self._guarded = watch, guarded
+        self._blind = False
 
     def take(self, event: Event) -> Opinion:
         """Judge the trace up to and including an event."""
         verdict: InstantVerdict = self._guarded(self._watch.take, _without_verdict(event))
-        return Opinion(_word(verdict), verdict.message if verdict.verdict is Verdict.VIOLATED else "")
+        if verdict.verdict is Verdict.VIOLATED:
+            return Opinion(_word(verdict), verdict.message)
+        # What is missing might have been rejected.
+        return Opinion(UNKNOWN if self._blind else _word(verdict))
+
+    def unseen(self) -> None:
+        """Note that events are missing here."""
+        self._blind = True
 
 
 def _without_verdict(event: Event) -> dict[str, Any]:

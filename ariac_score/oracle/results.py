@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
 
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import measure_trial
@@ -18,9 +22,10 @@ from ariac_score.results.result import Measured
 from ariac_score.results.result_file import as_json, findings_json
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["Connection", "OracleReport", "report_json", "write_results"]
+__all__ = ["Connection", "OracleReport", "measured_log", "rehearse", "report_json", "write_results"]
 
 REPORT = "oracle.json"
+LEFT = "left for later, so that the oracle could end: score it with 'ariac-score score'"
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,10 @@ class Connection:
         verdicts: How often each verdict was given.
         bad_frames: Frames that were no JSON object.
         unjudged_events: Events that could not be judged.
+        gaps: Events before which something was not seen for longer than its monitor accepts.
+        interruptions: How often it was interrupted, and something not seen at all.
+        log_parts: Names of the files that were set aside because they were full, the oldest first.
+        dropped_parts: How many of those were deleted for new ones.
         first_fault: What was wrong with the first of either; empty when there was none.
         ended: How it ended.
         not_scored: Why its log has no findings; empty when it has.
@@ -43,6 +52,10 @@ class Connection:
     verdicts: Mapping[str, int]
     bad_frames: int
     unjudged_events: int
+    gaps: int
+    interruptions: int
+    log_parts: tuple[str, ...]
+    dropped_parts: int
     first_fault: str
     ended: str
     not_scored: str
@@ -56,12 +69,14 @@ class OracleReport:
 
     Attributes:
         judged_by: The rule set's or specification's name.
-        refused_connections: How many were refused.
+        refused_connections: How many were refused, or had to go.
+        refusals: The same by reason.
         connections: In the order in which they came.
     """
 
     judged_by: str
     refused_connections: int
+    refusals: Mapping[str, int]
     connections: tuple[Connection, ...]
 
 
@@ -76,7 +91,8 @@ def write_results(
     judged_by: str,
     rule_set: RuleSet | None = None,
     log_map: str = "",
-    refused: int = 0,
+    refusals: Mapping[str, int] = MappingProxyType({}),
+    until_s: float = float("inf"),
 ) -> list[Path]:
     """Write the report and, under a rule set, findings and score of every event log.
 
@@ -89,7 +105,9 @@ def write_results(
         judged_by: The rule set's or specification's name.
         rule_set: Under which the logs are scored; `None` for a specification.
         log_map: Log map instead of the rule set's own.
-        refused: Connections that were refused.
+        refusals: Connections that were refused, by reason.
+        until_s: But for the first, no log is begun that may take longer, on the clock `time.monotonic`; an
+            interrupt (Ctrl-C) ends it at once. Logs that are left can be scored at any time.
 
     Returns:
         The files, in order of the connections; the report last.
@@ -97,15 +115,49 @@ def write_results(
     written: list[Path] = []
     faults: dict[Path, str] = {}
     registry = Registry()
+    longest_s = 0.0
     for conversation in conversations if rule_set is not None else ():
         assert rule_set is not None  # without one, the loop is empty
+        if why_not := _unfit(conversation):
+            faults[conversation.log] = why_not
+            continue
+        begun_s = time.monotonic()
+        if written and begun_s + longest_s >= until_s:
+            faults[conversation.log] = LEFT
+            continue
         try:
             written += _scored(conversation.log, rule_set, log_map, registry)
+            longest_s = max(longest_s, time.monotonic() - begun_s)
         except ScoreError as error:
             faults[conversation.log] = str(error.cause)
+        except KeyboardInterrupt:
+            faults[conversation.log], until_s = LEFT, 0.0
+            written = written or [folder / REPORT]
     report = folder / REPORT
-    _write(report, report_json(conversations, judged_by=judged_by, refused=refused, faults=faults))
+    written = [file for file in written if file != report]
+    _write(report, report_json(conversations, judged_by=judged_by, refusals=refusals, faults=faults))
     return [*written, report]
+
+
+def rehearse(rule_set: RuleSet, log_map: str = "") -> None:
+    """Score a log of nothing, so that all code is loaded: the end has no time for it."""
+    with TemporaryDirectory(prefix="ariac-score-") as folder:
+        log = Path(folder) / "rehearsal.jsonl"
+        _write(log, '{"topic": "/rehearsal", "time": 0.0}\n')
+        with suppress(ScoreError):  # whatever is wrong is said where it counts
+            _scored(log, rule_set, log_map, Registry())
+
+
+def _unfit(conversation: Conversation) -> str:
+    """Why the log of a conversation cannot be scored as it is; empty where it can."""
+    if not conversation.events:
+        return "the log is empty: no event came"
+    parts = len(conversation.kept.parts)
+    if conversation.kept.dropped:
+        return "its beginning was deleted: the log grew beyond its limits"
+    if parts:
+        return f"{parts} part(s) of the log were set aside: join them in order, the log last, and score that"
+    return ""
 
 
 def _scored(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> list[Path]:
@@ -113,7 +165,7 @@ def _scored(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> l
     try:
         result = score_trial(log, rule_set, log_map=log_map, registry=registry)
     except NothingToScoreError:
-        _write(findings, findings_json(_measured(log, rule_set, log_map, registry)))
+        _write(findings, findings_json(measured_log(log, rule_set, log_map, registry)))
         return [findings]
     score = log.with_suffix(".result.json")
     _write(findings, findings_json(result.measured))
@@ -121,7 +173,7 @@ def _scored(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> l
     return [findings, score]
 
 
-def _measured(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Measured:
+def measured_log(log: Path, rule_set: RuleSet, log_map: str, registry: Registry) -> Measured:
     """The findings in a log that has no work, and so is no trial.
 
     Raises:
@@ -137,7 +189,7 @@ def report_json(
     conversations: Sequence[Conversation],
     *,
     judged_by: str,
-    refused: int = 0,
+    refusals: Mapping[str, int] = MappingProxyType({}),
     faults: dict[Path, str] | None = None,
 ) -> str:
     """The report on some conversations, as JSON."""
@@ -149,13 +201,24 @@ def report_json(
             dict(conversation.verdicts),
             conversation.bad_frames,
             conversation.unjudged,
+            conversation.gaps,
+            conversation.interruptions,
+            tuple(part.name for part in conversation.kept.parts),
+            conversation.kept.dropped,
             conversation.first_fault,
             conversation.ended,
             not_scored.get(conversation.log, ""),
         )
         for conversation in conversations
     )
-    return REPORT_FORMAT.text(OracleReport(judged_by, refused, connections))
+    return REPORT_FORMAT.text(
+        OracleReport(
+            judged_by,
+            sum(refusals.values()),
+            {why: n for why, n in sorted(refusals.items()) if n},
+            connections,
+        )
+    )
 
 
 def _write(file: Path, text: str) -> None:

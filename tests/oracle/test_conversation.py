@@ -33,7 +33,7 @@ from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import Judge, Opinion, RulesBench, SpecBench
 from ariac_score.scoring.ruleset import RuleSet
 
-PAPER = RulesBench(load_rule_set("paper2020"), Registry())
+PAPER = RulesBench(load_rule_set("paper2020.published"), Registry())
 NEGATIVE = ("false", "currently_false")
 
 
@@ -315,7 +315,7 @@ def test_something_that_happened_is_said_until_the_end(mixed: RulesBench, tmp_pa
 
 
 def test_a_monitor_whose_signals_have_to_be_derived_judges_at_the_end() -> None:
-    bench = RulesBench(load_rule_set("paper2020"), Registry(), log_map="ariac2022")
+    bench = RulesBench(load_rule_set("paper2020.published"), Registry(), log_map="ariac2022")
 
     assert bench.live == ("no_arm_collision",)  # which needs no signal
     assert bench.later["separation"] == "no topic gives its centre_distance and speed as they are"
@@ -327,7 +327,7 @@ def test_what_is_as_consumed_is_judged_by_nobody_event_by_event(tmp_path: Path) 
         "id: consumed\ntitle: t\nsource: s\nextends: ariac2020\n"
         "channels:\n  - {topic: /snapshot, as_consumed: true}\n"
     )
-    bench = RulesBench(load_rule_set("paper2020"), Registry(), log_map=tmp_path / "map.yaml")
+    bench = RulesBench(load_rule_set("paper2020.published"), Registry(), log_map=tmp_path / "map.yaml")
 
     assert "separation" in PAPER.live
     assert bench.live == ("no_arm_collision",)
@@ -339,7 +339,9 @@ def test_an_event_that_the_log_map_makes_of_a_message_is_judged_when_it_comes(tm
         "id: bumps\ntitle: t\nsource: s\nextends: ariac2020\n"
         "channels:\n  - {topic: /bump, event: {kind: arm_collision}}\n"
     )
-    judge = RulesBench(load_rule_set("paper2020"), Registry(), log_map=tmp_path / "map.yaml").judge()
+    judge = RulesBench(
+        load_rule_set("paper2020.published"), Registry(), log_map=tmp_path / "map.yaml"
+    ).judge()
 
     assert "collision" not in judge.take(snapshot(0.0)).spec
     assert "no_arm_collision" in judge.take({"topic": "/bump", "time": 0.01}).spec
@@ -379,7 +381,7 @@ class Scripted:
 
 def judge_of(*said: InstantVerdict | Exception) -> Judge:
     """A judge under rules whose only monitor is scripted."""
-    paper = load_rule_set("paper2020")
+    paper = load_rule_set("paper2020.published")
     rules = replace(paper, checks={"separation": paper.checks["separation"]})
     monitor = Scripted(said)
     assert isinstance(monitor, OnlineMonitor)

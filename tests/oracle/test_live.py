@@ -264,6 +264,60 @@ def test_a_recorded_run_that_was_judged_otherwise_is_told_apart(shared: Path, tm
     ]
 
 
+def decided(row: dict[str, Any], verdict: str) -> tuple[bool, str]:
+    """Whether a generated node blocks, and what it writes: the same for both generations."""
+    if row["direction"] == "response":
+        return False, "response_logged"
+    if row["action"] == "log":
+        return False, "logged"
+    negative = verdict in ("false", "currently_false")
+    return negative, "blocked" if negative else "forwarded"
+
+
+@pytest.mark.parametrize("name", ["cell_guard", "ordered_cell_log"])
+def test_generated_nodes_log_and_filter_with_our_oracle_as_with_theirs(
+    shared: Path, tmp_path: Path, name: str
+) -> None:
+    status = shared / f"rosmonitoring/data/generated/{name}_status.jsonl"
+    recorded_rows = [json.loads(line) for line in status.read_text(encoding="utf-8").splitlines()]
+    seen = [row for row in recorded_rows if row["status"] == "event"]
+    spec = tmp_path / "guard.rml"
+    spec.write_text(GUARD, encoding="utf-8")
+
+    with oracle("--spec", str(spec), "--after-violation", "resume", out=tmp_path / "out") as url:
+        replies = ask(url, [row["event"] for row in seen])
+
+    assert {row["action"] for row in seen} == ({"log", "filter"} if name == "cell_guard" else {"log"})
+    for row, reply in zip(seen, replies, strict=True):
+        # Version 3 reads `verdict`; older nodes rebuild the message from all that is left, and read `spec`.
+        verdict = str(reply["verdict"])
+        assert decided(row, verdict) == (row["blocked"], row["decision"])
+        left = {key: value for key, value in reply.items() if key not in ("verdict", "spec")}
+        assert left == row["event"]
+        assert ("spec" in reply) == (verdict in ("false", "currently_false"))
+
+
+def test_a_specification_that_ends_at_its_first_violation_warns_of_what_nodes_do(
+    tmp_path: Path,
+) -> None:
+    spec, words = tmp_path / "guard.rml", {}
+    spec.write_text(GUARD, encoding="utf-8")
+    for after, count in (("once", 3), ("resume", 2)):  # where it listens, what it judges, the warning
+        command = [sys.executable, "-m", "ariac_score.cli", "oracle", "--spec", str(spec), "--port", "0"]
+        with subprocess.Popen(
+            [*command, "--after-violation", after, "-o", str(tmp_path / after)],
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stderr is not None
+            lines = [process.stderr.readline() for _ in range(count)]
+            os.kill(process.pid, signal.SIGINT)
+            words[after] = "".join(lines) + process.communicate(timeout=TIMEOUT_S)[1]
+
+    assert "nodes of version 3 that only log end themselves" in words["once"]
+    assert "end themselves" not in words["resume"]
+
+
 def test_the_demonstration_says_what_to_install(tmp_path: Path) -> None:
     (tmp_path / "websocket.py").write_text("raise ModuleNotFoundError('no websocket')\n", encoding="utf-8")
     command = [sys.executable, str(ROOT / "examples/live/monitor.py"), "events.jsonl", "ws://127.0.0.1:1"]

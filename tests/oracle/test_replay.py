@@ -15,7 +15,7 @@ from ariac_score.errors import LogError, NothingToScoreError
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.oracle.replay import replay
 
-PAPER = RulesBench(load_rule_set("paper2020"), Registry())
+PAPER = RulesBench(load_rule_set("paper2020.published"), Registry())
 
 
 def snapshot(time: float, distance_m: float) -> dict[str, Any]:
@@ -72,7 +72,7 @@ def test_the_command_names_what_differs(tmp_path: Path, capsys: pytest.CaptureFi
         snapshot(1.02, 2.5),
     )
 
-    assert main(["audit", str(log), "--rules", "paper2020"]) == 1
+    assert main(["audit", str(log), "--rules", "paper2020.published"]) == 1
 
     assert capsys.readouterr().out.splitlines() == [
         "1 verdicts agree, 1 differ, 0 cannot be compared, 1 events have none",
@@ -84,10 +84,10 @@ def test_the_command_names_what_differs(tmp_path: Path, capsys: pytest.CaptureFi
 def test_agreement_is_a_success(tmp_path: Path) -> None:
     log = log_of(tmp_path / "log.jsonl", {**snapshot(1.0, 9.0), "verdict": "currently_true"})
 
-    assert main(["audit", str(log), "--rules", "paper2020"]) == 0
+    assert main(["audit", str(log), "--rules", "paper2020.published"]) == 0
 
 
-@pytest.mark.parametrize("arguments", [[], ["--rules", "paper2020", "--output-format", "json"]])
+@pytest.mark.parametrize("arguments", [[], ["--rules", "paper2020.published", "--output-format", "json"]])
 def test_what_it_cannot_do_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:

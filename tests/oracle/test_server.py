@@ -35,7 +35,7 @@ from ariac_score_ariac.testing.recordings import recorded_messages  # noqa: E402
 
 pytestmark = pytest.mark.slow  # servers on this machine
 
-PAPER = load_rule_set("paper2020")
+PAPER = load_rule_set("paper2020.published")
 BENCH = RulesBench(PAPER, Registry())
 TIMEOUT_S = 20.0
 """Nothing waits this long unless something is wrong."""
@@ -147,14 +147,16 @@ def test_the_results_are_those_of_scoring_the_log_afterwards(running: Running, t
     replies = exchange(client, events)
     client.close()
     oracle.stop()
-    files = write_results(tmp_path / "results", oracle.conversations, judged_by="paper2020", rule_set=PAPER)
+    files = write_results(
+        tmp_path / "results", oracle.conversations, judged_by="paper2020.published", rule_set=PAPER
+    )
 
     assert [file.name for file in files] == [
         "connection_001.findings.json",
         "connection_001.result.json",
         "oracle.json",
     ]
-    afterwards = score_trial(write_event_log(tmp_path / "own.jsonl", messages), "paper2020")
+    afterwards = score_trial(write_event_log(tmp_path / "own.jsonl", messages), "paper2020.published")
     assert files[0].read_text() == findings_json(afterwards.measured)
     stored = json.loads(files[1].read_text())
     assert stored["score"] == 19.761677
@@ -177,7 +179,9 @@ def test_a_log_without_orders_has_findings_and_one_without_events_says_so(
         client.close()
     oracle.stop()
 
-    files = write_results(tmp_path / "results", oracle.conversations, judged_by="paper2020", rule_set=PAPER)
+    files = write_results(
+        tmp_path / "results", oracle.conversations, judged_by="paper2020.published", rule_set=PAPER
+    )
 
     assert [file.name for file in files] == ["connection_001.findings.json", "oracle.json"]
     # No state of the competition was sent either, so what may be missing is open beside what was seen.
@@ -198,7 +202,7 @@ def test_the_same_conversations_give_the_same_report(running: Running) -> None:
     client.close()
     oracle.stop()
 
-    report = json.loads(report_json(oracle.conversations, judged_by="paper2020"))
+    report = json.loads(report_json(oracle.conversations, judged_by="paper2020.published"))
 
     (connection,) = report["connections"]
     assert connection["verdicts"] == {"currently_true": 1, "currently_false": 1}
@@ -530,7 +534,16 @@ def test_limits_that_are_none_are_refused(wrong: dict[str, int]) -> None:
 @pytest.mark.parametrize("goodbye", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_serves_until_interrupted_and_writes_its_results(tmp_path: Path, goodbye: int) -> None:
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "ariac_score.cli", "oracle", "--rules", "paper2020", "--port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "ariac_score.cli",
+        "oracle",
+        "--rules",
+        "paper2020.published",
+        "--port",
+        "0",
+    ]
     with subprocess.Popen(
         [*command, "-o", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -552,8 +565,8 @@ def test_the_command_serves_until_interrupted_and_writes_its_results(tmp_path: P
     [
         (["--rules", "papre2020"], "did you mean"),
         (["--spec", "nowhere.rml"], "rml"),
-        (["--rules", "paper2020", "--max-connections", "0"], "connection"),
-        (["--rules", "paper2020", "--port", "-1"], "cannot listen"),
+        (["--rules", "paper2020.published", "--max-connections", "0"], "connection"),
+        (["--rules", "paper2020.published", "--port", "-1"], "cannot listen"),
     ],
 )
 def test_the_command_refuses_in_words(

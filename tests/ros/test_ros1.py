@@ -102,7 +102,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory, messages: Path) -> Recor
     done = threading.Event()
     load = threading.Thread(target=_busy, args=(done,))
     with robot_os(folder, messages) as ros:
-        program = [Path(sys.executable).with_name("ariac-score"), "record", "--rules", "paper2020"]
+        program = [Path(sys.executable).with_name("ariac-score"), "record", "--rules", "paper2020.published"]
         recorder = ros.start(*program, "-o", "trial", "--key", "organiser", "--forward", "--run")
         ros.until(recorder, "recording ", 30.0)
         second = ros.recorder(plan_in(folder), "--wait-s", "20")
@@ -162,7 +162,7 @@ def test_what_the_heartbeats_list_is_in_the_bag(recording: Recording) -> None:
 
 
 def test_the_score_tells_what_the_node_did(recording: Recording) -> None:
-    result = score_trial(recording.folder / "trial.bag", "paper2020")
+    result = score_trial(recording.folder / "trial.bag", "paper2020.published")
     of_separation = [f for f in result.measured.findings.values() if f.check == "separation"]
     found = [f for f in of_separation if f.verdict == Verdict.VIOLATED]
     assert sum(f.span.duration_s for f in found) == pytest.approx(TOO_CLOSE_S, abs=0.3)
@@ -196,7 +196,7 @@ def test_a_bag_whose_recorder_was_killed_is_refused_and_a_stopped_clock_is_noted
     assert manifest["end"]["ros_ns"] == pytest.approx(105.3e9, abs=0.2e9)
     (cut,) = tmp_path.glob("trial.bag.active")
     with pytest.raises(LogError):
-        score_trial(cut, "paper2020")
+        score_trial(cut, "paper2020.published")
 
 
 CONFIG = """options: {}
@@ -227,7 +227,7 @@ def test_what_a_killed_recorder_left_contains_what_another_one_recorded(ros: Rob
 
     def score(name: str) -> Result:
         given = [tmp_path / "trial.yaml"]
-        return score_trial(tmp_path / name, "paper2020", partial=True, also=given, root=tmp_path)
+        return score_trial(tmp_path / name, "paper2020.published", partial=True, also=given, root=tmp_path)
 
     cut, honest = score("killed.bag.active"), score("whole.bag")
     assert cut.measured.unofficial
