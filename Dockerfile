@@ -6,7 +6,10 @@
 FROM python:3.12-slim AS build
 WORKDIR /src
 COPY . .
-RUN python -m venv /opt/ariac-score && /opt/ariac-score/bin/pip install --no-cache-dir .
+RUN python -m venv /opt/ariac-score && \
+    /opt/ariac-score/bin/pip install --no-cache-dir --no-deps --require-hashes -r .ci/container.txt && \
+    /opt/ariac-score/bin/pip install --no-cache-dir --no-deps --no-build-isolation . && \
+    /opt/ariac-score/bin/pip uninstall --yes setuptools
 
 FROM python:3.12-slim
 RUN useradd --uid 10001 --no-create-home --shell /usr/sbin/nologin scorer

@@ -15,6 +15,7 @@ import distributed
 from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
+from ariac_score.batch.state import SCHEDULER_LOST, OnState, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -44,10 +45,12 @@ class DaskExecutor:
     Attributes:
         client: Connected to the scheduler.
         out: Folder of the batch, for what is stored of the runs.
+        on_state: Called while the cluster gives nothing.
     """
 
     client: Any
     out: Path | None = None
+    on_state: OnState = unwatched
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -57,7 +60,7 @@ class DaskExecutor:
         """
         waiting, suspects = iter(tasks), list[RunTask]()
         finished: SimpleQueue[Any] = SimpleQueue()
-        patience = Patience(self._address(), lambda: len(self._threads()), setting)
+        patience = Patience(self._address(), lambda: len(self._threads()), setting, self.on_state)
         under_way: dict[Any, RunTask] = {}
 
         def submit_next(count: int) -> None:
@@ -96,7 +99,7 @@ class DaskExecutor:
             raise BatchError(
                 f"the scheduler at {self._address()} does not answer",
                 hint=f"start it and its workers, {AND_AGAIN}",
-            ) from cause
+            ).named(SCHEDULER_LOST) from cause
         return threads
 
     def _alone(self, task: RunTask, setting: BatchSetting, patience: Patience) -> Done:
@@ -146,7 +149,7 @@ class DaskExecutor:
     def _lost(self) -> BatchError:
         return BatchError(
             f"the scheduler was lost: {self._address()}", hint=f"start it and its workers, {AND_AGAIN}"
-        )
+        ).named(SCHEDULER_LOST)
 
 
 def _waited(ask: Callable[[float], _Value], patience: Patience) -> _Value:

@@ -19,8 +19,10 @@ from msgspec import Struct
 from ariac_score.batch.outcomes import CheckCounts, Summary, summary_of
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.tasks import TaskKey
+from ariac_score.documents.plain_file import open_plain
 from ariac_score.errors import BatchError
 from ariac_score.results.codec import encodable, plain
+from ariac_score.results.result import Pinned
 from ariac_score.results.result_file import RESULT
 
 __all__ = [
@@ -34,6 +36,7 @@ __all__ = [
     "checked_rows",
     "read_rows",
     "recorded_document",
+    "refuse_other_rules",
     "tables_sha256",
     "write_tables",
 ]
@@ -59,6 +62,8 @@ _AT_A_TIME = 256
 """Rows that are written in one call of SQLite."""
 _LARGEST_RUN = (1 << 63) - 1
 """Larger integers have no place in a table of SQLite."""
+_LONGEST_LINE = 16 << 20
+"""A row has a few thousand bytes; a file without line ends need not fit into memory."""
 _BLOCK = 1 << 16
 _CURRENT = f'"schema": "{RESULT.tag}"'.encode()
 
@@ -255,7 +260,9 @@ def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
         return
     try:
         with file.open(encoding="ascii", errors="replace") as lines:
-            for line in lines:
+            while line := lines.readline(_LONGEST_LINE):
+                if len(line) == _LONGEST_LINE:
+                    return  # whatever this is, we have not written it
                 try:
                     yield Row.from_line(line), line
                 except ValueError:
@@ -264,17 +271,21 @@ def read_rows(file: Path) -> Iterator[tuple[Row, str]]:
         return
 
 
-def checked_rows(root: Path) -> Iterator[tuple[Row, bytes]]:
+def checked_rows(root: Path, name: str = RUNS) -> Iterator[tuple[Row, bytes]]:
     """The rows of a finished batch with their documents, each row compared with its document.
+
+    Args:
+        root: Folder of the batch.
+        name: Of the table.
 
     Raises:
         BatchError: A line is no row, or a document is missing, damaged, or contradicts its row.
     """
-    file = root / RUNS
+    file = root / name
     if not file.is_file():
         raise BatchError("it is no plain file, or not there", file=file, hint=AGAIN)
     with file.open(encoding="ascii", errors="replace") as lines:
-        for number, line in enumerate(lines, start=1):
+        for number, line in enumerate(iter(lambda: lines.readline(_LONGEST_LINE), ""), start=1):
             try:
                 row = Row.from_line(line)
             except ValueError as cause:
@@ -310,6 +321,21 @@ def recorded_document(row: Row, root: Path) -> bytes:
     return document
 
 
+def refuse_other_rules(row: Row, rules: Pinned, root: Path) -> None:
+    """Refuse a row whose result was priced by other rules than those of its batch.
+
+    Raises:
+        BatchError: It was.
+    """
+    if row.object and not row.object.endswith(f"/{rules.sha256[:16]}.json"):
+        name = "/".join(map(str, row.key)).lstrip("/")
+        raise BatchError(
+            f"the result of run {name} was made by other rules than {rules.id}",
+            file=root / row.object,
+            hint=AGAIN,
+        )
+
+
 def _newer(document: bytes) -> str:
     """The error message for a document that a newer version wrote; empty for any other."""
     if _CURRENT in document or not document:
@@ -340,6 +366,8 @@ def check_index(root: Path, rows: Iterable[Row]) -> None:
         BatchError: They differ.
     """
     file = root / INDEX
+    if not file.is_file():  # a pipe would be waited for
+        raise BatchError("it is no plain file, or not there", file=file, hint=AGAIN)
     try:
         connection = sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
         try:
@@ -367,7 +395,7 @@ def tables_sha256(root: Path) -> str:
     digest = hashlib.sha256()
     try:
         for name in (RUNS, INDEX):
-            with (root / name).open("rb") as table:
+            with open_plain(root / name) as table:
                 while block := table.read(1 << 20):
                     digest.update(block)
     except OSError:
@@ -409,7 +437,7 @@ def write_tables(store: Store, rows: Rows, work: Path, *, trusted: bool = False)
 
 def _same(first: Path, second: Path) -> bool:
     try:
-        with first.open("rb") as one, second.open("rb") as other:
+        with open_plain(first) as one, open_plain(second) as other:
             while block := one.read(_BLOCK):
                 if other.read(_BLOCK) != block:
                     return False

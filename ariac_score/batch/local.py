@@ -21,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.batch.outcomes import outcome_document
+from ariac_score.batch.state import OnState, RunUnderWay, State, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import (
+    LARGEST_HEAD_BYTES,
     NO_ROOM,
     Done,
     fetched_folder,
@@ -33,6 +35,7 @@ from ariac_score.batch.worker import (
     perform_into,
     running_file,
 )
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import BatchError
 from ariac_score.installed.running import noted as last_noted
 from ariac_score.installed.system import KILLS
@@ -121,6 +124,15 @@ class _Running:
     process: BaseProcess
     report: Path
     deadline: float
+    started_s: float
+
+    def state(self, now_s: float) -> RunUnderWay:
+        """What it does, as far as its process has noted it."""
+        _, plugin = last_noted(running_file(self.report))
+        before = "reading" if note_file(self.report).is_file() else "fetching and hashing"
+        if not self.task.remote and before != "reading":
+            before = "hashing"
+        return RunUnderWay(self.task.key, now_s - self.started_s, plugin or before)
 
 
 @dataclass
@@ -135,14 +147,17 @@ class LocalExecutor:
         out: Folder of the batch, to find what is stored.
         work: Folder for reports.
         target: What each process does; it leaves a report.
+        on_state: Called about once a second with what each run does.
     """
 
     jobs: int
     out: Path | None
     work: Path
     target: Callable[[RunTask, BatchSetting, Path | None, Path], None] = perform_into
+    on_state: OnState = unwatched
     _serial: int = field(default=0, init=False)
     _looked_s: float = field(default=0.0, init=False)
+    _told_s: float = field(default=0.0, init=False)
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -167,6 +182,7 @@ class LocalExecutor:
                     running.append(self._start(context, *at_last.popleft(), setting))
                 if not running:
                     return
+                self._tell(running)
                 for ended in self._ended(running):
                     running.remove(ended)
                     outcome = self._settle(ended, setting)
@@ -182,7 +198,15 @@ class LocalExecutor:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
         process = started(context, self.target, (task, setting, self.out, report))
-        return _Running(task, deaths, process, report, time.monotonic() + setting.limits.wall_s)
+        now = time.monotonic()
+        return _Running(task, deaths, process, report, now + setting.limits.wall_s, now)
+
+    def _tell(self, running: list[_Running]) -> None:
+        """Tell whoever watches what each run does; files are read for nobody else."""
+        now = time.monotonic()
+        if self.on_state is not unwatched and now - self._told_s >= _LONGEST_WAIT_S:
+            self._told_s = now
+            self.on_state(State(tuple(one.state(now) for one in running)))
 
     def _ended(self, running: list[_Running]) -> list[_Running]:
         """Those that have ended, or must end now; waits for the first of them."""
@@ -208,7 +232,10 @@ class LocalExecutor:
         (_, plugin), (contents, signature) = last_noted(running_file(ended.report)), _cleared(ended)
         # First of all the report: a process may be killed, or late, after it had left one.
         with suppress(OSError, ValueError):
-            done = parse_report(task, ended.report.read_bytes())
+            # The process may have left anything in its place: a pipe, or more than fits into memory.
+            done = parse_report(
+                task, read_plain(ended.report, setting.limits.output_bytes + LARGEST_HEAD_BYTES)
+            )
             ended.report.unlink()
             return done
         if code == NO_ROOM:

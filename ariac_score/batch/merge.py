@@ -19,16 +19,21 @@ from ariac_score.batch.index import (
     check_index,
     checked_rows,
     read_rows,
+    refuse_other_rules,
     write_tables,
 )
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.supervise import Report, unwritable
 from ariac_score.errors import BatchError, UsageError
+from ariac_score.results.signing import keys_asked_for, refuse_unsigned
+from ariac_score.scoring.ruleset import rule_set_from_text
 
 __all__ = ["merge_batches"]
 
 
-def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code: bool = False) -> Report:
+def merge_batches(
+    parts: Sequence[Path], store: Store, work: Path, *, mixed_code: bool = False, public_key: str = ""
+) -> Report:
     """Join batches, or shards of one, into one folder; the parts stay as they are.
 
     Args:
@@ -36,6 +41,7 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
         store: The folder to join them in; what it holds already stays.
         work: Folder for unfinished work, from `Store.working`.
         mixed_code: Join results that were made by different code.
+        public_key: Who must have signed the table of each part; empty for whom their rules name, if anybody.
 
     Raises:
         UsageError: A part is no finished batch, or was made by other rules or other code.
@@ -48,6 +54,11 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
         _refuse_edited_rules(part, description)
     _refuse_edited_rules(parts[0], descriptions[0])
     _refuse_gaps(descriptions)
+    rules = parts[0] / RULES
+    own = rule_set_from_text(read_document(rules).decode("utf-8"), file=str(rules)).authority.signed_by
+    keys = keys_asked_for(own, public_key)
+    for part in parts:
+        refuse_unsigned(part / RUNS, keys)
     joined = structs.replace(descriptions[0], shard=None)
     outcomes = Counter[str]()
     rows = None
@@ -55,12 +66,13 @@ def merge_batches(parts: Sequence[Path], store: Store, work: Path, *, mixed_code
         rows = Rows(work)
         for part in parts:
             for row, document in checked_rows(part):
+                refuse_other_rules(row, joined.rule_set, part)
                 _take(row, document, part, store, rows)
             check_index(part, (row for row, _ in read_rows(part / RUNS)))
         for line in rows.lines():
             outcomes[Row.from_line(line).outcome] += 1
         store.put(store.root / DESCRIPTION, joined.text().encode("utf-8"))
-        store.put(store.root / RULES, (parts[0] / RULES).read_bytes())
+        store.put(store.root / RULES, read_document(parts[0] / RULES))
         write_tables(store, rows, work)
     except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
@@ -85,7 +97,7 @@ def _take(row: Row, document: bytes, part: Path, store: Store, rows: Rows) -> No
     place = store.root / row.object
     if not place.is_file():
         store.put(place, document)
-    elif place.read_bytes() != document:
+    elif read_document(place) != document:
         raise BatchError(
             "differs from the result of the same name in another part",
             file=part / row.object,

@@ -7,6 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS
+from ariac_score.batch.state import (
+    NO_WORKERS,
+    SCHEDULER_LOST,
+    WORKERS_SILENT,
+    OnState,
+    State,
+    Waiting,
+    unwatched,
+)
 from ariac_score.batch.tasks import BatchSetting
 from ariac_score.errors import BatchError
 
@@ -29,11 +38,13 @@ class Patience:
         cluster: Its address, for the error message.
         workers: Returns how many workers it has.
         setting: With the time that a run may take.
+        on_state: Called while there is something to wait for.
     """
 
     cluster: str
     workers: Callable[[], int]
     setting: BatchSetting
+    on_state: OnState = unwatched
     _looked_s: float = field(default_factory=time.monotonic, init=False)
     _silent_s: float = field(default=0.0, init=False)
     _without_s: float = field(default=0.0, init=False)
@@ -54,19 +65,25 @@ class Patience:
         self._silent_s += passed_s
         count = self._count()
         self._without_s = 0.0 if count else self._without_s + passed_s
+        longest_s = max(WITHOUT_WORKERS_S, self.setting.limits.wall_s * KILLED_FROM_OUTSIDE_ATTEMPTS)
+        if count:
+            waiting = Waiting(WORKERS_SILENT, self.cluster, self._silent_s, longest_s)
+        else:
+            name = NO_WORKERS if count == 0 else SCHEDULER_LOST
+            waiting = Waiting(name, self.cluster, self._without_s, WITHOUT_WORKERS_S)
+        self.on_state(State(waiting=waiting))
         if self._without_s > WITHOUT_WORKERS_S:
             seen = "no worker" if count == 0 else "no scheduler that answers"
             raise BatchError(
                 f"the cluster at {self.cluster} has had {seen} for {self._without_s:.0f} s",
                 hint=f"start workers, {AND_AGAIN}",
-            )
-        longest_s = max(WITHOUT_WORKERS_S, self.setting.limits.wall_s * KILLED_FROM_OUTSIDE_ATTEMPTS)
+            ).named(waiting.name)
         if self._silent_s > longest_s:
             raise BatchError(
                 f"the {count} workers of the cluster at {self.cluster} have given nothing for "
                 f"{self._silent_s:.0f} s, and a run may take {self.setting.limits.wall_s:g} s",
                 hint=f"see what holds them up, {AND_AGAIN}",
-            )
+            ).named(waiting.name)
 
     def _count(self) -> int | None:
         """How many workers there are; `None` when nobody answers."""

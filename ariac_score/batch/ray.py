@@ -18,6 +18,7 @@ import ray
 from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
+from ariac_score.batch.state import OnState, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -43,10 +44,12 @@ class RayExecutor:
     Attributes:
         out: Folder of the batch, for what is stored of the runs.
         measure: What a worker does with a task.
+        on_state: Called while the cluster gives nothing.
     """
 
     out: Path | None = None
     measure: Callable[[RunTask, BatchSetting, bytes], Done] = measure_isolated
+    on_state: OnState = unwatched
 
     def run(self, tasks: Iterable[RunTask], setting: BatchSetting) -> Iterator[Done]:
         """Each task's outcome, in the order in which they finish.
@@ -64,7 +67,7 @@ class RayExecutor:
             return measure.remote(absolute(task), shared, earlier_document(task, self.out))
 
         waiting, suspects = iter(tasks), list[RunTask]()
-        patience = Patience(ray.get_runtime_context().gcs_address, _workers, setting)
+        patience = Patience(ray.get_runtime_context().gcs_address, _workers, setting, self.on_state)
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
             under_way = {submitted(task): task for task in islice(waiting, room)}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ariac_score.batch.description import load_description
-from ariac_score.batch.index import RUNS, Row, read_rows, recorded_document
+from ariac_score.batch.index import RUNS, Row, read_rows, recorded_document, refuse_other_rules
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import FormulaError, LogError, ResultError, RunEndedError, ScoreError, UsageError
@@ -13,6 +14,7 @@ from ariac_score.ranking.competition import Competition, RunKey, registry_for
 from ariac_score.ranking.runs import without_sketch
 from ariac_score.results.result import Code, Pinned, Result
 from ariac_score.results.result_file import result_in
+from ariac_score.results.signing import refuse_unsigned
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["results_of_batch"]
@@ -25,6 +27,7 @@ def results_of_batch(
     *,
     sketches: bool = False,
     mixed_code: bool = False,
+    signed_by: Sequence[str] = (),
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's stored result, or why there is none.
 
@@ -34,13 +37,16 @@ def results_of_batch(
         rule_set: By which it is ranked; the batch must have been scored by it.
         sketches: Keep what pages draw; of a season that is most of the memory.
         mixed_code: Take results that other code than the installed made.
+        signed_by: Keys one of which must have signed the table, which names every result with its SHA-256.
 
     Raises:
         UsageError: The folder holds no finished batch of this competition under these rules.
-        BatchError: A result is not the one that the tables recorded.
+        BatchError: A result is not the one that the tables recorded, or of other rules.
+        ResultError: The table is not signed by an owner of the keys.
     """
     again = f"ariac-score batch {competition.file} -o {folder}"
     description = load_description(folder, hint=again)
+    refuse_unsigned(folder / RUNS, signed_by)
     scored_under = description.rule_set
     if scored_under != Pinned(rule_set.id, rule_set.sha256):
         raise UsageError(
@@ -56,6 +62,8 @@ def results_of_batch(
             hint=f"score them again: {again}; or take them as they are: --mixed-code",
         )
     rows = {row.key: row for row, _ in read_rows(folder / RUNS)}
+    for row in rows.values():
+        refuse_other_rules(row, scored_under, folder)
     missing = [run.key for run in competition.runs if run.key not in rows]
     if missing:
         named = ", ".join("/".join(map(str, key)) for key in missing[:3])

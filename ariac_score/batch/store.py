@@ -13,11 +13,12 @@ from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import UsageError
 from ariac_score.installed.system import lock as lock_file
 
-__all__ = ["Store", "read_document"]
+__all__ = ["JOURNAL", "Store", "read_document"]
 
 _OBJECTS = "objects"
 _WORK = ".work-"
 _LOCK = ".lock"
+JOURNAL = ".rows.jsonl"
 _PART = ".part-"
 LARGEST_DOCUMENT_BYTES = 1 << 30
 
@@ -51,7 +52,7 @@ class Store:
     @property
     def journal(self) -> Path:
         """The rows of a call that has not ended, one line each: what remains of a killed batch."""
-        return self.root / ".rows.jsonl"
+        return self.root / JOURNAL
 
     def place(self, address: str, rules_sha256: str) -> Path:
         """The file for the result of a measurement under a rule set."""

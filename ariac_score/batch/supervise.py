@@ -6,21 +6,23 @@ import errno
 import sqlite3
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from itertools import chain
 from pathlib import Path
 from sys import intern
 from typing import IO, Protocol
 
-from ariac_score.batch.address import basis_of, measuring_address, signature_of
+from ariac_score.batch.address import basis_of, measuring_address
 from ariac_score.batch.description import DESCRIPTION, RULES, BatchDescription, Shard, refuse_other_version
 from ariac_score.batch.hash_cache import HashCache
 from ariac_score.batch.index import RUNS, Row, Rows, Written, read_rows, tables_sha256, write_tables
+from ariac_score.batch.local import lost
+from ariac_score.batch.looking import signatures
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, Priced, Pricing
+from ariac_score.batch.state import OnState, unwatched
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
 from ariac_score.batch.worker import Done
@@ -28,8 +30,9 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.measure import needs_alike
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.provenance import code_of
-from ariac_score.errors import BatchError, ScoreError
+from ariac_score.errors import BatchError, ResultError, ScoreError
 from ariac_score.results.result import Code, Pinned
+from ariac_score.results.signing import refuse_unsigned
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
 __all__ = ["Executor", "OnOutcome", "Report", "run_batch", "unwritable"]
@@ -95,6 +98,9 @@ def run_batch(
     shard: Shard | None = None,
     again: bool = False,
     on_outcome: OnOutcome = lambda _key, _outcome, _reason: None,
+    on_state: OnState = unwatched,
+    signed_by: Sequence[str] = (),
+    on_unsigned: Callable[[str], None] = lambda _reason: None,
 ) -> Report:
     """Score what is not scored yet, and write the tables.
 
@@ -109,6 +115,11 @@ def run_batch(
         shard: Which part of the batch the tasks are; `None` for all of it.
         again: Try those again that ended without being read to the end: late, out of memory, killed.
         on_outcome: Called for each run.
+        on_state: Called again and again with what is done and waited for; the executor has to have
+            an attribute of this name.
+        signed_by: Keys one of which must have signed the tables of an earlier call; where none has, nothing
+            that is stored is believed, and every run is scored again.
+        on_unsigned: Called with the reason where that is so.
 
     Raises:
         BatchError: The folder cannot be written, as when the disk is full; what was found is kept.
@@ -116,6 +127,8 @@ def run_batch(
         ScoreError: A check of the rules cannot be built.
     """
     refuse_other_version(store.root)
+    if hasattr(executor, "on_state"):
+        executor.on_state = on_state
     prepared = prepare(
         rule_set, registry=setting.registry(Registry())
     )  # what is wrong with it is reported once, not for every run
@@ -131,9 +144,15 @@ def run_batch(
         with ExitStack() as opened:
             rows = opened.enter_context(closing(Rows(work)))
             # The journal last: it is newer than the tables, and a later row replaces an earlier one.
-            rows.remember(chain(read_rows(store.root / RUNS), read_rows(store.journal)))
+            for table in (store.root / RUNS, store.journal):
+                if table.is_file() and (reason := _not_signed(table, signed_by)):
+                    on_unsigned(reason)
+                else:
+                    rows.remember(read_rows(table))
             hashes = opened.enter_context(closing(HashCache(store.root)))
             trusted = _unchanged(store, hashes)  # before the journal is made, whose presence is a sign
+            if store.journal.exists() and not store.journal.is_file():
+                store.journal.unlink()  # a pipe would be waited for
             journal = store.journal.open("a", encoding="ascii", newline="\n")
             opened.callback(_close, journal)
             pricing = opened.enter_context(closing(Pricing(setting, store, work)))
@@ -147,6 +166,14 @@ def run_batch(
     except (OSError, sqlite3.OperationalError) as cause:
         raise unwritable(cause, store) from cause
     return Report(dict(settled.outcomes), call.scored_now, call.cpu_s, call.contradictions)
+
+
+def _not_signed(table: Path, keys: Sequence[str]) -> str:
+    try:
+        refuse_unsigned(table, keys)
+    except ResultError as error:
+        return str(error)
+    return ""
 
 
 def _close(journal: IO[str]) -> None:
@@ -232,7 +259,12 @@ class _Call:
         kept_s = time.monotonic()
         for done in executor.run(self._missing(tasks), self.setting):
             known = self._addressed(done)
-            self.settled.add(known.task.key, Written.of(self._stored_row(known)))
+            try:
+                row = self._stored_row(known)
+            except (ValueError, RecursionError):  # of no schema, or nested without end
+                known = lost(known.task, "failed", "what its process left is no result")
+                row = self._stored_row(known)
+            self.settled.add(known.task.key, Written.of(row))
             self.hashes.note(known.signature, known.contents)
             self.scored_now += 1
             self.cpu_s += done.cpu_s
@@ -242,11 +274,12 @@ class _Call:
 
     def _missing(self, tasks: Iterable[RunTask]) -> Iterator[RunTask]:
         """The tasks that have to be scored; all others are settled on the way."""
-        for task in tasks:
+        # Of a run that no earlier call knew, nothing is looked at here: its own process does that.
+        for task, signature in signatures(tasks, lambda task: self.rows.earlier(task.key) is not None):
             if task.refused:
                 self.settled.add_refused(task)
                 continue
-            found = self._stored(task)
+            found = self._stored(task, signature)
             if isinstance(found, Written):
                 self.contradictions += _contradicted(self.rows.earlier(task.key), found)
                 self.settled.add(task.key, found, known=True)
@@ -256,12 +289,11 @@ class _Call:
                 yield _with_earlier(task, self.rows)
         yield from self.settled.add_priced(self.pricing.rest())
 
-    def _stored(self, task: RunTask) -> Written | Measurement | None:
+    def _stored(self, task: RunTask, signature: str) -> Written | Measurement | None:
         """The row of a run that is scored already, or what of it is measured under other prices.
 
         `None` when it is neither, or when only its files could tell.
         """
-        signature = signature_of(task)
         contents = self.hashes.contents(signature) if signature else ""
         if not contents:
             return None
@@ -289,8 +321,9 @@ class _Call:
         name = self.store.name_of(done.address, self.setting.rules_sha256)
         if done.document is None:
             return Row.kept(key, self.store.read(name), name)
+        row = Row.kept(key, done.document, name)  # first: what is no result is not stored
         self.store.put(self.store.root / name, done.document)
-        return Row.kept(key, done.document, name)
+        return row
 
 
 # Another machine, or more time and memory, may do better; the other outcomes follow from the files.

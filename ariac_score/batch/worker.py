@@ -8,6 +8,7 @@ import gc
 import hashlib
 import json
 import os
+import re
 import sys
 import tempfile
 import time
@@ -31,12 +32,13 @@ from ariac_score.batch.outcomes import error_text, outcome_document, outcome_of
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, TaskKey
 from ariac_score.checks.registry import Registry
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
 from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ScoreError
-from ariac_score.installed.running import note_in
+from ariac_score.installed.running import listen_for_interrupts, note_in
 from ariac_score.installed.system import end_after, limit_this_process
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
@@ -45,6 +47,7 @@ from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 from ariac_score.trial.statements import ORGANISER
 
 __all__ = [
+    "LARGEST_HEAD_BYTES",
     "NO_ROOM",
     "Done",
     "fetched_folder",
@@ -63,9 +66,14 @@ __all__ = [
 _ORPHANED_S = 60.0
 """How long a process may go on beyond its time when its supervisor is gone."""
 
+LARGEST_HEAD_BYTES = 1 << 20
+"""What a report may have more than its document."""
+
 NO_ROOM = 74
 """Exit code of the process of a run when the disk is too full for its report: no fault of the run."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
+
+_HASH = re.compile(r"[0-9a-f]{64}")
 
 _BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -298,6 +306,7 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
     the process when it is late; after a `kill -9` of the supervisor, an alarm does.
     """
     end_after(setting.limits.wall_s + _ORPHANED_S)
+    listen_for_interrupts()  # else one that a plugin raises is taken for that of a person
     with contextlib.suppress(OSError):  # without room for a note, nobody can be named
         note_in(running_file(report))
     # What is fetched may be larger than a result, so its size is limited only afterwards.
@@ -342,11 +351,11 @@ def _perform_within(task: RunTask, setting: BatchSetting, out: Path | None, repo
 def noted(report: Path) -> tuple[str, str]:
     """Hash and signature of the files of a run as its process noted them; empty when it did not."""
     try:
-        contents, _, signature = note_file(report).read_text(encoding="ascii").partition(" ")
+        note = read_plain(note_file(report), LARGEST_HEAD_BYTES).decode("ascii")
     except (OSError, ValueError):
         return "", ""
-    whole = len(contents) == hashlib.sha256().digest_size * 2
-    return (contents, signature) if whole else ("", "")
+    contents, _, signature = note.partition(" ")
+    return (contents, signature) if _HASH.fullmatch(contents) else ("", "")
 
 
 def _write_report(done: Done, report: Path) -> None:
@@ -418,9 +427,15 @@ def parse_report(task: RunTask, report: bytes) -> Done:
         ValueError: The report is not whole, or of another run, whose score this one may not get.
     """
     line, _, document = report.partition(b"\n")
-    head = msgspec.convert(json.loads(line), _Head)
+    try:
+        head = msgspec.convert(json.loads(line), _Head)
+    except RecursionError:
+        raise ValueError("its head is nested without end") from None
     if (head.run, head.path) != (task.key, task.path):
         raise ValueError(f"it is a report of {head.path}")
+    # An address becomes the name of a file.
+    if not all(_HASH.fullmatch(text) for text in (head.address, head.contents) if text):
+        raise ValueError("its address is none")
     stored = None if head.stored else document
     return Done(task, head.address, head.contents, head.signature, stored, head.cpu_s, head.put_off)
 
@@ -428,7 +443,7 @@ def parse_report(task: RunTask, report: bytes) -> Done:
 def _set_limits(limits: Limits, largest_bytes: int) -> None:
     """Bind this process to its limits, 0 for none yet; nothing it starts can lift them."""
     # A report has a line more than its document, which `_perform_local` holds to the limit.
-    limit_this_process(limits.memory_bytes, largest_bytes + (1 << 20) if largest_bytes else 0)
+    limit_this_process(limits.memory_bytes, largest_bytes + LARGEST_HEAD_BYTES if largest_bytes else 0)
 
 
 def _silence() -> None:

@@ -10,9 +10,10 @@ import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import IO
 
@@ -37,10 +38,12 @@ _DAMAGE = (
     OSError,
     OverflowError,
     RuntimeError,
+    TypeError,
     ValueError,
 )
-"""What the libraries raise for damage: also RuntimeError for a password or an unknown method
-(NotImplementedError), ValueError for a name that is no UTF-8 (UnicodeDecodeError), a date or an offset."""
+"""What the libraries raise for damage: also TypeError for a gzip head that ends in its name, RuntimeError for
+a password or an unknown method (NotImplementedError), ValueError for a name that is no UTF-8
+(UnicodeDecodeError), a date or an offset."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,10 @@ class _Member:
 def is_archive(path: Path) -> bool:
     """Whether a file is an archive that `unpack` opens, by its content."""
     try:
-        return zipfile.is_zipfile(path) or tarfile.is_tarfile(path)
+        if zipfile.is_zipfile(path):
+            return True
+        with tarfile.open(path, "r|*", tarinfo=_Head):
+            return True
     except _DAMAGE:
         return False
 
@@ -92,7 +98,8 @@ def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tu
 
     Raises:
         LogError: It is damaged or encrypted, a name leads out of the folder or comes twice, a
-            member is a link or a device, or a limit is exceeded; what came out before stays in the folder.
+            member is a link or a device, or lies within another, or a limit is exceeded; what came out
+            before stays in the folder.
         OSError: The disk is full, which is no fault of the archive.
     """
     limits = limits or ArchiveLimits()
@@ -108,7 +115,7 @@ def unpack(archive: Path, into: Path, limits: ArchiveLimits | None = None) -> tu
 def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path]:
     seen: dict[str, str] = {}
     total, most = 0, max(archive.stat().st_size * limits.ratio, SMALL)
-    for count, member in enumerate(_members(archive), start=1):
+    for count, member in enumerate(_members(archive, most), start=1):
         if count > limits.members:
             raise _refused(archive, "", f"it has more than {limits.members} members", _SMALLER)
         parts = _parts(archive, member, limits)
@@ -140,9 +147,34 @@ def _unpacked(archive: Path, into: Path, limits: ArchiveLimits) -> Iterator[Path
 _SMALLER = "send the trials in several submissions"
 
 
-def _members(archive: Path) -> Iterator[_Member]:
+class _Head(tarfile.TarInfo):
+    """The head of a member of a tape; refuses what would be read into memory before anybody is asked."""
+
+    @classmethod
+    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> _Head:
+        found = super().frombuf(buf, encoding, errors)
+        if found.type in _DESCRIBING and found.size > _LONGEST_DESCRIPTION:
+            raise tarfile.ReadError(f"it describes a member in {found.size} bytes")
+        if found.type == tarfile.GNUTYPE_SPARSE:
+            raise tarfile.ReadError(_SPARSE)
+        return found
+
+    def _proc_gnusparse_10(self, *_: object) -> None:
+        raise tarfile.ReadError(_SPARSE)  # the third way to say so; its list of holes has no end
+
+
+_DESCRIBING = (
+    *(tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK),
+    *(tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.SOLARIS_XHDTYPE),
+)
+_LONGEST_DESCRIPTION = 1 << 16
+_SPARSE = "a member has holes; pack it without '--sparse'"
+
+
+def _members(archive: Path, most: int) -> Iterator[_Member]:
     if zipfile.is_zipfile(archive):
         with zipfile.ZipFile(archive) as zipped:
+            _check_apart(archive, zipped.infolist())
             for info in zipped.infolist():
                 mode = info.external_attr >> 16  # as Unix has it; 0 where the archive was made elsewhere
                 plain = not mode or stat.S_IFMT(mode) in (0, stat.S_IFREG, stat.S_IFDIR)
@@ -153,11 +185,30 @@ def _members(archive: Path) -> Iterator[_Member]:
                 stream = zipped.open(info) if plain and not info.is_dir() else None
                 yield _Member(info.filename, info.file_size, info.is_dir(), plain, stream)
         return
-    with tarfile.open(archive, "r|*") as taped:
+    with tarfile.open(archive, "r|*", tarinfo=_Head) as taped:
         for entry in taped:
+            # The library would read so much to reach the next one, past the end of the file as well.
+            if taped.offset - entry.offset_data > most:
+                raise _refused(archive, entry.name, f"it announces {entry.size} bytes", "pack it again")
             plain = entry.isreg() or entry.isdir()
             stream = taped.extractfile(entry) if entry.isreg() else None
             yield _Member(entry.name, entry.size, entry.isdir(), plain, stream)
+
+
+def _check_apart(archive: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    """Refuse members of which one lies within another: so a few bytes become many files.
+
+    Raises:
+        LogError: Two overlap.
+    """
+    placed = sorted(members, key=lambda info: info.header_offset)
+    for before, behind in pairwise(placed):
+        # The shortest that a head can be; its name and what else it has are not counted.
+        if before.header_offset + _ZIP_HEAD_BYTES + before.compress_size > behind.header_offset:
+            raise _refused(archive, behind.filename, f"it lies within {before.filename!r}", "pack it again")
+
+
+_ZIP_HEAD_BYTES = 30
 
 
 def _parts(archive: Path, member: _Member, limits: ArchiveLimits) -> tuple[str, ...]:

@@ -282,6 +282,8 @@ def _logo() -> bytes:
 
 def check_bundle(path: Path) -> list[Problem]:
     """Everything about a bundle that the platform rejects late or gets wrong in silence."""
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        return [Problem(str(path), "it is no plain file", "name the zip of the bundle")]
     with tempfile.TemporaryDirectory() as folder:
         try:
             unpack(path, Path(folder))

@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 import yaml
 
+from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.yaml import is_there, parse_yaml
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.platforms.archives import is_archive, zipped
@@ -70,6 +71,9 @@ class Challenge:
     submissions: int = 30
     submissions_per_day: int = 3
     digits: int = 3
+
+
+_LARGEST_CONFIG_BYTES = 4 << 20
 
 
 def challenge_config(challenge: Challenge) -> str:
@@ -156,7 +160,7 @@ def challenge_files(challenge: Challenge) -> dict[str, bytes]:
 def check_challenge(file: Path) -> list[Problem]:
     """Everything about a configuration that the platform gets wrong in silence."""
     try:
-        config = parse_yaml(file.read_bytes(), file=str(file)).data
+        config = parse_yaml(read_plain(file, _LARGEST_CONFIG_BYTES), file=str(file)).data
     except OSError as cause:
         return [Problem(str(file), f"cannot be read: {cause.strerror}", "check the path")]
     except ScoreError as error:

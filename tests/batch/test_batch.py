@@ -846,7 +846,7 @@ def test_what_was_measured_of_something_else_or_by_other_code_is_not_used(
 
 
 def test_rules_that_ask_for_other_signals_share_no_measurement() -> None:
-    first = load_rule_set("paper2020")
+    first = load_rule_set("paper2020.published")
     again = rule_set_from_text(expanded_yaml(first), file=first.file)
 
     assert needs_alike(prepare(first), prepare(replace(again, file=first.file)))

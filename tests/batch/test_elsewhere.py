@@ -50,7 +50,7 @@ pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 
 pytestmark = pytest.mark.slow  # servers on this machine
 
-RULES = "paper2020"
+RULES = "paper2020.published"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 COMPETITION = EXAMPLE.parent / "competition" / "2024"
 LIMITS = Limits(wall_s=120.0)

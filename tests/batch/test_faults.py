@@ -40,7 +40,7 @@ from ariac_score_ariac.testing import kitting_trial
 
 pytestmark = pytest.mark.slow  # processes and clusters that die
 
-RULES = "paper2020"
+RULES = "paper2020.published"
 SEASON = Path(__file__).parents[2] / "benchmarks/season.py"
 
 
@@ -152,7 +152,7 @@ def test_the_reason_names_the_death_that_happened_most_often(trials: Path, tmp_p
 
 def test_a_report_about_another_run_is_none() -> None:
     one, other = RunTask("", "a", 1, "/x/a"), RunTask("", "b", 1, "/x/b")
-    report = report_of(Done(one, "ab", "cd", "ef", b"document"))
+    report = report_of(Done(one, "ab" * 32, "cd" * 32, "ef", b"document"))
 
     assert parse_report(one, report).document == b"document"
     for task in (
@@ -751,13 +751,17 @@ def away() -> int:
     ("seen", "end_s", "words"),
     [
         (lambda: 0, 300, ""),
-        (lambda: 0, 305, "the cluster at tcp://here:1 has had no worker for 305 s"),
-        (away, 305, "the cluster at tcp://here:1 has had no scheduler that answers for 305 s"),
+        (lambda: 0, 305, "no_workers: the cluster at tcp://here:1 has had no worker for 305 s"),
+        (
+            away,
+            305,
+            "scheduler_lost: the cluster at tcp://here:1 has had no scheduler that answers for 305 s",
+        ),
         (lambda: 3, 12 * 600, ""),
         (
             lambda: 3,
             12 * 600 + 5,
-            "the 3 workers of the cluster at tcp://here:1 have given nothing for 7205 s, "
+            "workers_silent: the 3 workers of the cluster at tcp://here:1 have given nothing for 7205 s, "
             "and a run may take 600 s",
         ),
     ],

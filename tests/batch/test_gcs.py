@@ -32,7 +32,7 @@ from ariac_score_ariac.testing import kitting_trial
 
 os.environ.setdefault("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
 
-RULES = "paper2020"
+RULES = "paper2020.published"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 # Libraries of the storage's owner tell of Python versions that they will leave behind.
 pytestmark = [

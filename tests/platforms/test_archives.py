@@ -65,7 +65,9 @@ def test_a_name_that_leads_out_is_refused(tmp_path: Path, name: str) -> None:
     assert not (tmp_path / "out.txt").exists()
 
 
-@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.FIFOTYPE])
+@pytest.mark.parametrize(
+    "kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.BLKTYPE, tarfile.FIFOTYPE]
+)
 def test_links_and_devices_are_refused(tmp_path: Path, kind: bytes) -> None:
     entry = tarfile.TarInfo("log")
     entry.type, entry.linkname = kind, "/etc/passwd"
@@ -110,6 +112,77 @@ def test_a_bomb_is_stopped_by_what_it_unpacks_to_whatever_it_declares(tmp_path: 
     archive.write_bytes(text.replace(size, (10).to_bytes(4, "little")))
     with pytest.raises(LogError):
         unpack(archive, tmp_path / "in2")
+
+
+@pytest.mark.parametrize("kind", [stat.S_IFIFO, stat.S_IFCHR, stat.S_IFBLK, stat.S_IFSOCK])
+def test_a_device_in_a_zip_is_refused(tmp_path: Path, kind: int) -> None:
+    with pytest.raises(LogError, match="it is a link or a device"):
+        unpack(zipped(tmp_path / "a.zip", {"log": b""}, mode=kind | 0o644), tmp_path / "in")
+    assert list((tmp_path / "in").iterdir()) == []
+
+
+def test_members_that_lie_within_one_another_are_refused(tmp_path: Path) -> None:
+    inner, outer = io.BytesIO(), tmp_path / "a.zip"
+    with zipfile.ZipFile(inner, "w") as archive:
+        archive.writestr("b", b"0123456789")
+    local = inner.getvalue()[: inner.getvalue().index(b"PK\x01\x02")]
+    with zipfile.ZipFile(outer, "w") as archive:
+        archive.writestr("a", local)  # stored: the head and the bytes of b are those of a, too
+        archive.writestr("b", b"0123456789")
+    raw = bytearray(outer.read_bytes())
+    second = raw.rindex(b"PK\x01\x02")
+    raw[second + 42 : second + 46] = (30 + len("a")).to_bytes(4, "little")  # where the directory has b begin
+    outer.write_bytes(raw)
+    with pytest.raises(LogError, match="lies within 'a'"):
+        unpack(outer, tmp_path / "in")
+
+
+def one_member(file: Path, entry: tarfile.TarInfo, size: int, body: bytes = b"") -> Path:
+    """A tar archive of one member that announces another size than it has."""
+    entry.size = size
+    with tarfile.open(file, "w:gz", format=tarfile.GNU_FORMAT) as archive:
+        assert archive.fileobj is not None
+        archive.fileobj.write(entry.tobuf(tarfile.GNU_FORMAT) + body)
+    return file
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("size", [1 << 40, 1 << 62])
+def test_a_member_of_a_tape_that_announces_more_than_it_can_hold_is_refused_at_once(
+    tmp_path: Path, size: int
+) -> None:
+    with pytest.raises(LogError, match=f"it announces {size} bytes"):
+        unpack(one_member(tmp_path / "a.tar.gz", tarfile.TarInfo("log"), size, b"x" * 512), tmp_path / "in")
+
+
+@pytest.mark.parametrize(
+    "kind", [tarfile.GNUTYPE_LONGNAME, tarfile.GNUTYPE_LONGLINK, tarfile.XHDTYPE, tarfile.XGLTYPE]
+)
+def test_the_description_of_a_member_is_no_way_into_memory(tmp_path: Path, kind: bytes) -> None:
+    entry = tarfile.TarInfo("x")
+    entry.type = kind
+    archive = one_member(tmp_path / "a.tar.gz", entry, 1 << 22, bytes(1 << 22))
+
+    assert archive.stat().st_size < 10_000
+    assert not is_archive(archive)  # its first member cannot be read
+    with pytest.raises(LogError, match="it describes a member in 4194304 bytes"):
+        unpack(archive, tmp_path / "in")
+
+
+def test_files_with_holes_are_refused_in_each_way_to_write_them(tmp_path: Path) -> None:
+    old = tarfile.TarInfo("log")
+    old.type = tarfile.GNUTYPE_SPARSE
+    holes = one_member(tmp_path / "old.tar.gz", old, 0)
+    told = tarfile.TarInfo("log")
+    told.pax_headers = {
+        "GNU.sparse.major": "1",
+        "GNU.sparse.minor": "0",
+        "GNU.sparse.realsize": "1" + "0" * 15,
+    }
+    new = taped(tmp_path / "new.tar.gz", told, content=b"2000000000\n" * 1000)
+    for archive in (holes, new):
+        with pytest.raises(LogError, match="a member has holes"):
+            unpack(archive, tmp_path / "in" / archive.name)
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")

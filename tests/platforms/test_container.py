@@ -120,10 +120,11 @@ def test_all_of_the_package_is_sent_and_nothing_else() -> None:
     table = re.search(r"\[tool\.setuptools\.package-dir\]\n((?:.+\n)+)", text)
     assert table
     folders = set(re.findall(r'= "([^"]+)"', table[1]))
-    assert len(folders) == 4
-    assert {"pyproject.toml", "README.md", "LICENSE"} <= set(names)
+    assert len(folders) == 5
+    assert {"pyproject.toml", "README.md", "LICENSE", ".ci/container.txt"} <= set(names)
     assert {name.partition("/")[0] for name in names} == {
         "pyproject.toml",
+        ".ci",
         "README.md",
         "LICENSE",
         *folders,
