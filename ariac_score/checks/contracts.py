@@ -580,5 +580,6 @@ OTHER_GROUPS = (
     "ariac_score.evaluations",
     "ariac_score.executors",
     "ariac_score.messages",
+    "ariac_score.sources",
 )
-"""Entry-point groups whose contract stands where they are used: `cli`, `ranking`, `batch`, `logs`."""
+"""Entry-point groups whose contract stands where they are used: `cli`, `ranking`, `batch`, `logs`, `live`."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
+from ariac_score.checks.depth import DepthProfile
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.signals import Sample
 from ariac_score.trial.spans import Span
@@ -158,6 +159,8 @@ class Finding:
         check: Name of the check in the rule set; the engine fills it in.
         units: Units of quantities by their names, where they are declared: `points`, `count`, `1`,
             `s`, `dollars`, … Only what is in `points` or `count` is taken apart as points in a ledger.
+        profile: How deep a violation is over time, relative to its limit; `None` for one without a depth,
+            which counts as deep as can be.
     """
 
     subject: str
@@ -173,6 +176,7 @@ class Finding:
     critical: bool = False
     check: str = ""
     units: Mapping[str, str] = field(default_factory=lambda: _NO_WORDS)
+    profile: DepthProfile | None = None
 
     def __post_init__(self) -> None:
         # The word "violated" equals the verdict, but verdicts are compared with `is`.
@@ -191,6 +195,8 @@ class Finding:
         for name in self.units.keys() - self.quantities.keys():
             raise ValueError(f"there is a unit for {name!r}, which is no quantity of this finding")
         object.__setattr__(self, "evidence", tuple(self.evidence))
+        if self.profile is None:  # left out of its JSON: results from before have none
+            self.__dict__.pop("profile", None)
 
     @classmethod
     def violated(cls, subject: str, message: str, *, clause: str = "", critical: bool = False) -> Finding:
@@ -250,6 +256,7 @@ def settled(finding: Finding) -> Finding:
         robustness=None if finding.robustness is None else canonical(finding.robustness),
         quantities={name: canonical(value) for name, value in finding.quantities.items()},
         evidence=tuple(_settled_sample(sample) for sample in finding.evidence),
+        profile=finding.profile and replace(finding.profile, t_s=tuple(map(canonical, finding.profile.t_s))),
     )
 
 

@@ -159,7 +159,17 @@ class GuardedDecoder:
             ) from cause
         if decoded is not None and not isinstance(decoded, WorkItem | Submission | Event | Record):
             raise broken(self.plugin, f"makes a {type(decoded).__name__} of a {msgtype}")
+        if isinstance(message, SimpleNamespace) and _took_over_fields(decoded):
+            raise ValueError(f"its fields are not those of a {msgtype}: one has parts, or is no text")
         return decoded
+
+
+def _took_over_fields(decoded: Decoded | None) -> bool:
+    """Whether a field of a message of text was taken over that has parts, or is no text in an event."""
+    if isinstance(decoded, Event):
+        return not all(isinstance(text, str) for text in (decoded.kind, decoded.subject, decoded.detail))
+    fields = getattr(decoded, "__dataclass_fields__", ())
+    return any(isinstance(getattr(decoded, name), SimpleNamespace) for name in fields)
 
 
 def _misfits(message: object, cause: BaseException) -> bool:

@@ -473,7 +473,7 @@ def _conflict(name: str, providers: Sequence[Plugin]) -> PluginConflictError:
     )
 
 
-_DATA_PACKAGES = frozenset({"rules", "schemas"})
+_DATA_PACKAGES = frozenset({"examples", "rules", "schemas"})
 """Left out: what is used of them is hashed by itself, and only a wheel has them inside the package."""
 
 

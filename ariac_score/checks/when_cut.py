@@ -9,7 +9,7 @@ __all__ = ["WHEN_CUT", "WhenCut", "when_cut_of"]
 
 WhenCut: TypeAlias = Literal["adds", "kept", "witnessed", "official", "open"]
 
-WHEN_CUT: Mapping[WhenCut, str] = {
+WHEN_CUT: Mapping[str, str] = {
     "adds": "what was seen stays, and more may have come",
     "kept": "nothing that came after changes it",
     "witnessed": "it leaves open itself what the log would not have shown (`Trial.witnessed`)",

@@ -20,12 +20,14 @@ class Aim(Enum):
         HARM: Something worse was done: it may neither bring points nor be free.
         LESS: Less was done, or nothing for longer: it may not bring points.
         AGAIN: The same was done again: nothing may change.
+        REST: The robot stood still: it may not cost points.
     """
 
     LIE = "lie"
     HARM = "harm"
     LESS = "less"
     AGAIN = "again"
+    REST = "rest"
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def _broken_in_two(honest: Honest, span: Span, worst_s: float, clear_s: float, p
 
     def change() -> Copy:
         near = honest.moving.towards(worst_s, inside)
-        return Motion(near, honest.motion, honest.t_s).towards(clear_s, outside)
+        return Motion(near, honest.motion, honest.t_s, honest.follows).towards(clear_s, outside)
 
     says = f"break off from {pause.start_s:.3f} s to {pause.end_s:.3f} s, and go on to {span.end_s:.3f} s"
     return Attempt.of(says, change)

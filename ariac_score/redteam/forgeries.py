@@ -4,23 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 
 from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.redteam.attempt import Attempt
 from ariac_score.redteam.honest import Honest
 from ariac_score.redteam.motion import bump, later
+from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.testing.copies import Copy, changed, fields_of
 from ariac_score.trial.spans import Span
 
-__all__ = ["jumped", "moved", "put_in", "reparented", "replayed", "republished", "rewritten", "shifted"]
+__all__ = [
+    "clocked",
+    "jumped",
+    "moved",
+    "put_in",
+    "reparented",
+    "replayed",
+    "republished",
+    "rewritten",
+    "shifted",
+]
+
+CLOCK = "/clock"
+_TICK_NS = 100_000_000
 
 _GHOST_NS = 3_000_000
 _FAR = 50.0
 """So many times the way to where all was well."""
 
-_PLAYED = 60
-"""So many samples are played again at least: a few may well be what they were before."""
+_PLAYED = 80
+"""So many samples are played again at least: a few may well be what they were before, and of less than 75 not
+every stretch is told."""
 
 
 def _clear_s(honest: Honest, span: Span) -> float | None:
@@ -178,6 +195,33 @@ def _shift(honest: Honest, by_s: float) -> Attempt:
 
     says = f"stamp {'all motion' if by_s > 0 else 'all but motion'} {abs(by_s):.3f} s later"
     return Attempt.of(says, lambda: honest.copy.with_changed(one))
+
+
+def clocked(honest: Honest, _: int) -> Iterator[Attempt]:
+    """A clock is put in that says that the simulation was slower, or faster, than the log has it."""
+    if CLOCK in honest.copy.topics:
+        return
+    for rate in (0.5, 2.0, 0.1, 0.9, 5.0):
+        yield Attempt.of(
+            f"put in a {CLOCK} of a simulation that runs {rate:g} times as fast", _ticking(honest, rate)
+        )
+
+
+def _ticking(honest: Honest, rate: float) -> Callable[[], Copy]:
+    def change() -> Copy:
+        first_ns, last_ns = honest.copy.messages[0].stamp_ns, honest.copy.messages[-1].stamp_ns
+        ticks = []
+        for t_ns in range(first_ns, last_ns + 1, _TICK_NS):
+            sec, nanosec = divmod(round((t_ns - first_ns) * rate), 10**9)
+            fields = {"clock": {"sec": sec, "nanosec": nanosec}}
+            ticks.append(Recorded(CLOCK, "rosgraph_msgs/msg/Clock", t_ns, fields))
+        ros1 = honest.copy.suffix == ".bag"
+        with TemporaryDirectory() as folder:
+            file = Path(folder, "clock").with_suffix(honest.copy.suffix)
+            more = Copy.of(write_bag(file, ticks, storage="ros1" if ros1 else "mcap"))
+        return honest.copy.with_more(more.messages)
+
+    return change
 
 
 def moved(honest: Honest, seed: int) -> Iterator[Attempt]:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import reduce
 from math import cos, pi
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,10 @@ import numpy as np
 from ariac_score.logs.containers.items import Message
 from ariac_score.testing.copies import Copy, changed, fields_of
 
-__all__ = ["Motion", "bump", "later", "mixed", "names_in"]
+__all__ = ["Follows", "Motion", "bump", "later", "mixed", "names_in", "set_value", "value_at"]
+
+Follows = tuple[Sequence[str], Sequence[str]]
+"""Dotted paths of the components of a position, and of those of its velocity."""
 
 Weight = Callable[[float], float]
 """How far a message goes towards another one, 0 to 1, by its time in s."""
@@ -148,9 +153,17 @@ class Motion:
         copy: The recording.
         topics: Those about motion.
         time_of: The time of a message, s of trial time.
+        follows: By topic which fields are the velocities of which positions: a velocity that contradicts its
+            position would show.
     """
 
-    def __init__(self, copy: Copy, topics: Sequence[str], time_of: Callable[[Message], float]) -> None:
+    def __init__(
+        self,
+        copy: Copy,
+        topics: Sequence[str],
+        time_of: Callable[[Message], float],
+        follows: Mapping[str, Sequence[Follows]] = MappingProxyType({}),
+    ) -> None:
         found: dict[tuple[str, ...], list[tuple[float, Message, Any]]] = {}
         wanted = frozenset(topics)
         for message in copy.messages:
@@ -158,7 +171,7 @@ class Motion:
                 fields = fields_of(message)
                 key = (message.connection.topic, message.connection.publisher, *names_in(fields))
                 found.setdefault(key, []).append((time_of(message), message, fields))
-        self._copy = copy
+        self._copy, self._follows = copy, follows
         self.series = {key: _Series(*zip(*rows, strict=True)) for key, rows in found.items()}
 
     def towards(self, t_s: float, weight: Weight) -> Copy:
@@ -192,5 +205,36 @@ class Motion:
         return self.replaced(table)
 
     def replaced(self, table: dict[int, Message]) -> Copy:
-        """The recording with other messages in the places of some, by `id`."""
+        """The recording with other messages in the places of some, by `id`; velocities follow positions."""
+        for (topic, *_), series in self.series.items():
+            for follows in self._follows.get(topic, ()):
+                self._follow(series, follows, table)
         return self._copy.with_changed(lambda message: table.get(id(message), message))
+
+    def _follow(self, series: _Series, follows: Follows, table: dict[int, Message]) -> None:
+        """Set the velocities of changed messages to what the positions around them give."""
+        positions, velocities = follows
+        fields = [
+            fields_of(table[id(message)]) if id(message) in table else known
+            for message, known in zip(series.messages, series.fields, strict=True)
+        ]
+        for here, message in enumerate(series.messages):
+            if id(message) not in table or len(fields) < 2:
+                continue
+            before, behind = max(here - 1, 0), min(here + 1, len(fields) - 1)
+            step_s = series.t_s[behind] - series.t_s[before]
+            for at, speed in zip(positions, velocities, strict=True) if step_s > 0 else ():
+                way = value_at(fields[behind], at) - value_at(fields[before], at)
+                set_value(fields[here], speed, way / step_s)
+            table[id(message)] = changed(message, fields[here])
+
+
+def value_at(fields: Any, path: str) -> float:
+    """The number at a dotted path of a message."""
+    return float(reduce(getattr, path.split("."), fields))
+
+
+def set_value(fields: Any, path: str, value: float) -> None:
+    """Set the number at a dotted path of a message."""
+    *inner, last = path.split(".")
+    setattr(reduce(getattr, inner, fields), last, value)

@@ -11,10 +11,10 @@ from typing import Literal, get_args
 from ariac_score.errors import PluginError, ScoreError, UsageError, did_you_mean
 from ariac_score.logs.containers.items import Message
 from ariac_score.ranking.competition import Competition, Run, Team, TrialPlan
-from ariac_score.ranking.rank import rank_results
+from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.redteam.attempt import Aim, Attempt, Tactic
-from ariac_score.redteam.honest import Harm, Honest, harm_of
+from ariac_score.redteam.honest import Harm, Honest, harm_of, is_covered
 from ariac_score.redteam.tactics import TACTICS
 from ariac_score.results.result import Result
 from ariac_score.review.task_and_safety import task_points
@@ -223,12 +223,12 @@ class _Search:
             tally["refused"] += 1
             return None
         after = handed_in.score
-        if after is None or not self._works(tactic.aim, before, after, handed_in.harm):
+        if after is None or not self._works(tactic.aim, before, after, handed_in):
             worse = after is None or self._gain(before, after) < 0
             tally["worse" if worse else "same"] += 1
             return None
         tally["worked"] += 1
-        law = self._law(tactic, is_free=before == after)
+        law = self._law(tactic, before, after)
         standing, because = self._standing(tactic, law, handed_in)
         touched = self._touched(logs)
         return Exploit(tactic, attempt.says, before, after, touched, law, standing, because, logs)
@@ -256,21 +256,33 @@ class _Search:
 
     def _ranked(self, results: Sequence[Result]) -> Decimal:
         """What a team has in the trial with these runs, as `rank` has it."""
+        return self._ranking([results]).standings[0].trials["trial"].score
+
+    def _ranking(self, teams: Sequence[Sequence[Result]]) -> Ranking:
+        """The ranking of teams, each with its runs of the trial."""
         honest = self._honest
-        runs = tuple(Run("team", "trial", k, honest.path) for k, _ in enumerate(results, start=1))
+        runs = {
+            Run(f"team_{number}", "trial", k, honest.path): result
+            for number, results in enumerate(teams)
+            for k, result in enumerate(results, start=1)
+        }
         competition = Competition(
             "redteam",
             "",
             "",
             honest.path.parent,
             honest.path,
-            (Team("team", "team"),),
+            tuple(Team(f"team_{number}", f"team_{number}") for number, _ in enumerate(teams)),
             (TrialPlan("trial"),),
-            runs,
+            tuple(runs),
         )
-        scored = {run.key: result for run, result in zip(runs, results, strict=True)}
-        ranking = rank_results(competition, self._spec, honest.rule_set, scored)
-        return ranking.standings[0].trials["trial"].score
+        scored = {run.key: result for run, result in runs.items()}
+        return rank_results(competition, self._spec, honest.rule_set, scored)
+
+    def _is_behind(self, result: Result) -> bool:
+        """Whether a ranking puts who handed this in behind who was honest, where both have the same score."""
+        ranks = [each.rank for each in self._ranking([[self._honest.result], [result]]).standings]
+        return len(set(ranks)) > 1
 
     def _worth(self, score: Decimal) -> Decimal:
         """A score as points, of which more are better; where rules count mistakes, the fewer the better."""
@@ -280,13 +292,20 @@ class _Search:
         """How many points better it is."""
         return self._worth(after) - self._worth(before)
 
-    def _works(self, aim: Aim, before: Decimal, after: Decimal, harm: Harm) -> bool:
+    def _works(self, aim: Aim, before: Decimal, after: Decimal, handed_in: _HandedIn) -> bool:
         gain = self._gain(before, after)
         if aim is Aim.AGAIN:
             return gain != 0
+        if aim is Aim.REST:
+            return gain < 0
         if aim is Aim.HARM:
-            # Once nothing is left, nothing can be taken.
-            return (gain > 0 or (gain == 0 and before != 0)) and _is_more(harm, self._harm)
+            if gain < 0 or not _is_more(handed_in.harm, self._harm):
+                return False
+            assert handed_in.result is not None
+            if not is_covered(self._honest.result, handed_in.result, self._honest.rule_set.monitors):
+                return False
+            # Once nothing is left, nothing can be taken; but a ranking may tell.
+            return gain > 0 or before != 0 or not self._is_behind(handed_in.result)
         return gain > 0
 
     def _touched(self, logs: tuple[Copy, ...]) -> int:
@@ -297,8 +316,10 @@ class _Search:
             total += max((honest - own).total(), (own - honest).total())
         return total
 
-    def _law(self, tactic: Tactic, *, is_free: bool) -> str:
-        return "always_costs" if is_free and tactic.law == "more_violations" else tactic.law
+    def _law(self, tactic: Tactic, before: Decimal, after: Decimal) -> str:
+        if tactic.aim is Aim.HARM and before == after == 0:
+            return "nothing_left"
+        return "always_costs" if before == after and tactic.law == "more_violations" else tactic.law
 
     def _standing(self, tactic: Tactic, law: str, handed_in: _HandedIn) -> tuple[Standing, str]:
         """Whether the rules declare that this works, cannot avoid it, or believe what no log can show."""
@@ -315,6 +336,8 @@ class _Search:
             return "believed", "a recorder's manifest would show it, and the rules ask for none"
         if tactic.name == "samples thinned" and not honest.has_rates:
             return "believed", "'rate_hz' in the log map would show it, or a recorder's manifest"
+        if tactic.name == "speeds denied" and not honest.has_positions:
+            return "believed", "positions of the same bodies would show it, or a recorder's manifest"
         return "exploit", ""
 
     def _points(self, result: Result) -> Decimal:

@@ -15,6 +15,7 @@ from ariac_score.redteam.behaviour import (
     waited,
 )
 from ariac_score.redteam.forgeries import (
+    clocked,
     jumped,
     moved,
     put_in,
@@ -31,6 +32,7 @@ from ariac_score.redteam.omissions import (
     thinned,
     topics_left_out,
 )
+from ariac_score.redteam.resting import said_slower, stood_still
 
 __all__ = ["TACTICS"]
 
@@ -48,11 +50,14 @@ TACTICS = (
     Tactic("motion replayed", Aim.LIE, replayed),
     Tactic("motion rewritten", Aim.LIE, rewritten, needs_proof=True),
     Tactic("messages moved", Aim.LIE, moved, needs_proof=True),
+    Tactic("speeds denied", Aim.LIE, said_slower),
+    Tactic("a clock put in", Aim.LIE, clocked, needs_proof=True),
     Tactic("violations joined", Aim.HARM, joined, law="more_violations"),
     Tactic("violations broken in two", Aim.HARM, rearranged, law="short_pause"),
     Tactic("violations deepened", Aim.HARM, deepened, law="severity"),
     Tactic("violations lengthened", Aim.HARM, lengthened, law="more_violations"),
     Tactic("violations added", Aim.HARM, added, law="more_violations"),
+    Tactic("standing still", Aim.REST, stood_still, law="standing_still"),
     Tactic("stopping early", Aim.LESS, stopped, law="stopping_early"),
     Tactic("waiting", Aim.LESS, waited, law="waiting"),
     Tactic("running again", Aim.AGAIN, run_again, law="running_again"),

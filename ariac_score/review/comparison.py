@@ -14,7 +14,7 @@ from ariac_score.checks.findings import canonical_number
 from ariac_score.review.certainty import Certain
 from ariac_score.scoring.expression import Expression, Number, Traced
 from ariac_score.scoring.levels import TRIAL
-from ariac_score.scoring.ruleset import RuleDifference, RuleSet, installed_rule_sets
+from ariac_score.scoring.ruleset import RuleDifference, RuleSet, installed_rule_sets_differing_from
 from ariac_score.scoring.scope import Level, Scope, is_inside
 
 __all__ = ["Change", "Comparison", "Undecided", "compare_rules", "rule_sets_differing_from"]
@@ -91,7 +91,7 @@ class Comparison:
 
 def rule_sets_differing_from(rule_set: RuleSet) -> tuple[RuleSet, ...]:
     """The installed rule sets that say how they differ from this one."""
-    return tuple(one for one in installed_rule_sets() if one.differs and one.differs.other == rule_set.id)
+    return tuple(installed_rule_sets_differing_from(rule_set.id))
 
 
 def compare_rules(first: Certain, second: Certain) -> Comparison:

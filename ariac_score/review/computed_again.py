@@ -12,7 +12,7 @@ from ariac_score.engine.price import reprice
 from ariac_score.engine.provenance import file_sha256
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import NothingToScoreError, ScoreError, UsageError
-from ariac_score.ranking.competition import FILE, Competition, Run, load_competition, work_by_of
+from ariac_score.ranking.competition import FILE, Competition, Run, load_competition, signers_of, work_by_of
 from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
@@ -89,7 +89,14 @@ def _in_competition(
         # Its price hangs on the runs of all teams, and what the result says of these is its own word.
         spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
         partial = _is_partial(stored)
-        results = score_runs(competition, rule_set, registry=registry, sketches=True, partial=partial)
+        results = score_runs(
+            competition,
+            rule_set,
+            registry=registry,
+            sketches=True,
+            partial=partial,
+            signed_by=signers_of(competition, rule_set.authority),
+        )
         if isinstance(error := results[run.key], ScoreError):
             raise error
         ranked = rank_results(competition, spec, rule_set, results, partial=partial)

@@ -18,8 +18,9 @@ from ariac_score.ranking.rank import WITH_SCORE, Cell, RunOutcome, TeamRank
 from ariac_score.ranking.violations import Clause, clause_of
 from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
+from ariac_score.results.safety import safety_checks
 from ariac_score.review.lost_points import gains_by_check
-from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
+from ariac_score.review.task_and_safety import TaskAndSafety, task_and_safety
 from ariac_score.scoring.ledger import taken_by
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 

@@ -33,11 +33,13 @@ class Verification:
 
     Attributes:
         steps: In the order in which they were taken.
-        result: The result; `None` when it cannot be built from the file.
+        result: The result; `None` when it cannot be built from the file, or it is another document.
+        about: What other document it is, in words; empty for a result.
     """
 
     steps: tuple[Step, ...]
     result: Result | None
+    about: str = ""
 
     def steps_that_are(self, outcome: str) -> tuple[str, ...]:
         """The names of the steps with that outcome."""

@@ -10,6 +10,7 @@ from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError
 from ariac_score.results.doubt import counted, left_open
 from ariac_score.results.result import Measured, Result
+from ariac_score.results.safety import safety_checks
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.left_open import LeftOpen
@@ -17,10 +18,7 @@ from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 
-__all__ = ["TaskAndSafety", "safety_checks", "task_and_safety", "task_points"]
-
-_MONITORS = "ariac_score.monitors"
-_OF_SAFETY = frozenset({"penalty", "factor"})
+__all__ = ["TaskAndSafety", "task_and_safety", "task_points"]
 
 
 @dataclass(frozen=True)
@@ -45,28 +43,6 @@ class TaskAndSafety:
     def score(self) -> Decimal:
         """The sum of the parts."""
         return self.task + self.safety + self.decided
-
-
-def safety_checks(rule_set: RuleSet, measured: Measured) -> tuple[str, ...]:
-    """The checks that are about safety, in the order of the rule set.
-
-    That is declared, never read from a name. A plugin may say `part_of`; of others a monitor watches
-    for safety, and so does a rule whose quantities are all penalties or factors, which can only take.
-
-    Args:
-        rule_set: The rules.
-        measured: What was found by them, with what each check declares.
-    """
-    return tuple(name for name in rule_set.checks if _part_of(name, rule_set, measured) == "safety")
-
-
-def _part_of(name: str, rule_set: RuleSet, measured: Measured) -> str:
-    said = measured.settings.get(name) if measured.settings else None
-    if said is not None and said.part_of:
-        return said.part_of
-    declared = measured.measures.get(name, {}).values()
-    only_takes = bool(declared) and all(one.role in _OF_SAFETY for one in declared)
-    return "safety" if only_takes or rule_set.checks[name].group == _MONITORS else "task"
 
 
 def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndSafety | None:

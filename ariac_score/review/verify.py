@@ -41,14 +41,14 @@ from ariac_score.results.result_file import (
     measured_sha256,
     read_result,
 )
-from ariac_score.results.signing import check_signature
+from ariac_score.results.signing import check_signature, keys_asked_for
 from ariac_score.review.computed_again import compared_with_log, competition_at
 from ariac_score.review.differences import SHOWN, differences, listed
 from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step, Verification
 from ariac_score.scoring.policy import OPEN as OPEN_POLICY
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_from_text
 
-__all__ = ["verify_result"]
+__all__ = ["is_ranking", "verify_result"]
 
 
 def verify_result(
@@ -76,7 +76,8 @@ def verify_result(
         also: Configurations that it was scored with, where they lie elsewhere than the log.
         cohort: The published values across teams, where `log` is no competition to compute them from.
         adjustments: The stewards' file, where the result is adjusted; without it, that of the competition.
-        public_key: Whose signature it must have; empty for nobody's.
+        public_key: Whose signature it must have; empty for the key of the competition, or of the rules that
+            are given or installed (`authority: {signed_by: …}`), or for nobody's.
         signature: The file of that; by default next to the result.
         registry: The installed plugins.
         local_plugins: Whether files of code beside the rule set may run, where they are those that the
@@ -89,18 +90,23 @@ def verify_result(
     """
     text, data = _read(path)
     _refuse_other_document(data, path)
-    signed = _signed(path, public_key, signature)
     try:
         result = read_result(path)
     except ResultError as error:
+        signed = _signed(path, keys_asked_for((), public_key), signature)
         return Verification((*_unread(error, data), *signed), None)
     competition = None if log is None else competition_at(log, result.provenance.rule_set.id)
     root = _root_of(rules, competition, result)
+    keys = keys_asked_for(_organiser(competition, root), public_key)
+    signed = _signed(path, keys, signature)
     steps = [*_by_itself(result, text, data["schema"]), _rules(result, root)]
     steps.append(_code(result, files_run=local_plugins and log is not None, with_log=log is not None))
     decided = adjustments or (competition.adjustments if competition is not None else None)
     if result.adjusted is not None or adjustments is not None:
         steps.append(_adjustments(result, decided))
+        if decided is not None and result.adjusted is not None and keys:
+            holds, reason = check_signature(decided, keys)
+            steps.append(Step("decisions", OK if holds else FAILED, reason))
     if result.cohort.values and competition is None:
         steps.append(_cohort(result, cohort))
     steps += signed
@@ -163,10 +169,16 @@ def _root_of(rules: str, competition: Competition | None, result: Result) -> _Ro
     return None if installed is None else _Root(installed, "as installed")
 
 
-def _signed(path: Path, public_key: str, signature: Path | None) -> list[Step]:
-    if not public_key:
+def _organiser(competition: Competition | None, root: _Root | None) -> tuple[str, ...]:
+    """Whose signature is asked for: never what the result itself says, which a forger would write as well."""
+    own = () if root is None else root.rule_set.authority.signed_by
+    return own if competition is None else competition.signed_by or own
+
+
+def _signed(path: Path, keys: Sequence[str], signature: Path | None) -> list[Step]:
+    if not keys:
         return []
-    holds, reason = check_signature(path, public_key, signature)
+    holds, reason = check_signature(path, keys, signature)
     return [Step("signature", OK if holds else FAILED, reason)]
 
 
@@ -182,8 +194,6 @@ _CHECKED_BY: Mapping[str, str] = {
     "audit": "'ariac-score audit PATH' computes it again",
     "cohort": "'ariac-score rank COMPETITION --cohort-output FILE' computes it again",
     "outcome": "it says why a run has no result; 'ariac-score batch PATH -o OUT' tries the run again",
-    "ranking": "'ariac-score report RANKING -o FOLDER' checks it against the results it names, "
-    "'ariac-score rank COMPETITION' computes it again; verify its results one by one",
 }
 """What checks the other kinds of documents, by the name of their format."""
 
@@ -194,13 +204,24 @@ def _refuse_other_document(data: Any, path: Path) -> None:
     Raises:
         ResultError: It is one.
     """
-    tag = data.get("schema") if isinstance(data, dict) else None
-    kind = tag.removeprefix("ariac-score/").partition("/")[0] if isinstance(tag, str) else ""
+    kind = _kind_of(data)
     if kind in _CHECKED_BY:
         article = "an" if kind[0] in "ao" else "a"
         raise ResultError(
             f"it is the JSON of {article} {kind}, not of a result", file=path, hint=_CHECKED_BY[kind]
         )
+
+
+def is_ranking(path: Path) -> bool:
+    """Whether a file calls itself a ranking; `verify_ranking` is for those."""
+    _, data = _read(path)
+    return _kind_of(data) == "ranking"
+
+
+def _kind_of(data: Any) -> str:
+    """The name of the format that a document states; empty where it states none."""
+    tag = data.get("schema") if isinstance(data, dict) else None
+    return tag.removeprefix("ariac-score/").partition("/")[0] if isinstance(tag, str) else ""
 
 
 def _read(path: Path) -> tuple[str, Any]:

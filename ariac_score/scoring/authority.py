@@ -22,6 +22,7 @@ class Authority:
             `believed` where others count as well; empty where the rules do not say, which is the latter for
             whoever has the logs recorded himself.
         recorder_keys: The public keys of the recorders whose signature counts, as minisign writes them.
+        signed_by: The public keys of the organiser, one of which must have signed what is stored.
 
     >>> Authority.of({"window": "recording"}).window
     'recording'
@@ -31,6 +32,7 @@ class Authority:
     window: str = "events"
     completeness: str = ""
     recorder_keys: tuple[str, ...] = ()
+    signed_by: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Authority:
@@ -40,4 +42,5 @@ class Authority:
             window=document.get("window", "events"),
             completeness=document.get("completeness", ""),
             recorder_keys=tuple(document.get("authority", {}).get("recorder_keys", ())),
+            signed_by=tuple(document.get("authority", {}).get("signed_by", ())),
         )

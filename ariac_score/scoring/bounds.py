@@ -26,9 +26,10 @@ from ariac_score.scoring.sheet import (
     Pricing,
     ScopeNames,
     ScoreSheet,
+    charge_options,
     scopes_inside,
 )
-from ariac_score.scoring.signs import Sign, Typed, constant, of_function, power, total, type_of
+from ariac_score.scoring.signs import Sign, Typed, constant, most_of, of_function, power, total, type_of
 
 __all__ = ["Bound", "Worlds"]
 
@@ -168,10 +169,11 @@ class _Around:
 
     def name(self, dotted: str) -> Typed:
         term = self.names.term_of(dotted)
-        pooled = dotted.startswith("runs.") and "" in self.worlds.cohort.values.get(dotted, {})
-        if term is None or pooled:
+        if term is None:
             return constant(self.names.name(dotted).value)
-        return self.evaluation.term(*term)
+        own = self.evaluation.term(*term)
+        pooled = self.worlds.cohort.values.get(dotted, {}) if dotted.startswith("runs.") else {}
+        return most_of([own, constant(pooled[""])]) if "" in pooled else own
 
     def text_named(self, dotted: str) -> str | None:
         return self.names.text_named(dotted)
@@ -353,7 +355,6 @@ class _Around:
 
     def _charged(self, options: Mapping[str, Number]) -> Typed:
         weights = {name: weight for name, weight in options.items() if name in self.worlds.sheet.checks}
-        again_after_s = options.get("again_after_s", AGAIN_AFTER_S)
         certain: dict[str, Finding] = {}
         variables: list[Variable] = []
         for check in weights:
@@ -367,7 +368,7 @@ class _Around:
             world = dict(certain)
             for one in variables:
                 world.update(one.world(worst=self.evaluation.pins.get(one.key, default)))
-            shares = charge(world, weights, again_after_s=again_after_s)
+            shares = charge(world, weights, **charge_options(options, "charged(…)"))
             ends.append(total([constant(share) for _, share in shares]).least)
         timeless = [
             one

@@ -23,6 +23,7 @@ __all__ = [
     "LAYOUTS",
     "competitions_with",
     "expanded_document",
+    "own_document",
     "path_of_rule_set",
     "rule_set_names",
     "unknown_keys",
@@ -62,11 +63,19 @@ def path_of_rule_set(name: str, folder: Path, registry: Registry) -> Path:
         ) from None
 
 
+def own_document(path: Path) -> YamlDocument:
+    """What a rule set file and its file for auditors say themselves, checked against the schema.
+
+    Raises:
+        RuleSetError: One of them cannot be read, or breaks the schema.
+    """
+    return _with_audit(_written(load_yaml(path, error=RuleSetError)))
+
+
 def expanded_document(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDocument:
     """A rule set file with what it extends merged in, checked against the schema."""
-    document = _written(load_yaml(path, error=RuleSetError))
-    document = _with_audit(document)
-    document = _with_texts(document)  # before merging: names of files are relative to this file's folder
+    # Texts come before merging: names of files are relative to this file's folder.
+    document = _with_texts(own_document(path))
     base_name = document.data.pop("extends", None)
     if base_name is None:
         return document
@@ -196,7 +205,8 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
         merged[key] = _merged_checks(base.get(key, {}), own.get(key, {}))
     for key in ("safety", "ranges", "bounds"):
         if key in base or key in own:
-            merged[key] = {**base.get(key, {}), **own.get(key, {})}
+            both = {**base.get(key, {}), **own.get(key, {})}
+            merged[key] = {name: body for name, body in both.items() if key != "ranges" or body is not None}
     if not merged.get("include"):
         merged.pop("include", None)
     for key, other in (("rules", "monitors"), ("monitors", "rules")):

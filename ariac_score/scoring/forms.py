@@ -137,12 +137,16 @@ def _row(row: Mapping[str, Any], term: str, columns: tuple[str, ...]) -> Row:
 
 
 def merged_terms(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """The terms of a level with those that an extension changes; a block changes term by term."""
+    """The terms of a level with those that an extension changes, or takes away with `null`.
+
+    A block changes term by term.
+    """
     changed = {
         name: {**base[name], **body} if is_block(body) and is_block(base.get(name)) else body
         for name, body in own.items()
     }
-    return {**base, **changed}
+    gone = {name for name, body in own.items() if body is None and name in base}
+    return {name: body for name, body in {**base, **changed}.items() if name not in gone}
 
 
 def in_formulas(document: YamlDocument) -> YamlDocument:
@@ -157,6 +161,13 @@ def in_formulas(document: YamlDocument) -> YamlDocument:
     terms: dict[str, dict[str, Any]] = {}
     for level, stated in data.get("terms", {}).items():
         blocks = {name: body for name, body in stated.items() if is_block(body)}
+        if nothing := [name for name, body in stated.items() if body is None]:
+            raise RuleSetError(
+                f"there is no term {nothing[0]!r} to take away",
+                file=document.file,
+                place=document.place(["terms", level, nothing[0]]),
+                hint="only a rule set that 'extends' another one with that term can",
+            )
         terms[level] = {}
         for name, body in stated.items():
             if name not in blocks:

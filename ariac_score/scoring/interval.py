@@ -5,7 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Annotated
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 __all__ = ["COUNTS", "Counts", "Narrowing", "ScoreInterval"]
 
@@ -45,6 +45,8 @@ class ScoreInterval(Struct, frozen=True, forbid_unknown_fields=True):
             that no world exceeds.
         counts: Which end is the score: `worst`, `best`, or none (`withhold`).
         narrowing: What would narrow it, most first.
+        unseen: By how much the score is lower for what no sample shows: what the samples of the monitors
+            alone would be worth, less the score. It is left out where it is 0, or has no value.
     """
 
     least: Decimal
@@ -52,3 +54,4 @@ class ScoreInterval(Struct, frozen=True, forbid_unknown_fields=True):
     tight: bool
     counts: Counts
     narrowing: tuple[Narrowing, ...] = ()
+    unseen: Decimal | UnsetType = UNSET

@@ -8,7 +8,7 @@ parameter that the rule set has itself stays its own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ class Penalty:
         terms: Formulas, or templates that are written for each safety check.
         parameters: Named numbers, as its file states them.
         classes: By class what a violation weighs, and what the class is.
+        ties: What separates teams of equal value in a ranking.
     """
 
     id: str
@@ -53,6 +54,7 @@ class Penalty:
     terms: Mapping[str, Any]
     parameters: Mapping[str, Any]
     classes: Mapping[str, NamedParameter] = field(default_factory=dict)
+    ties: Sequence[Mapping[str, str]] = ()
 
 
 def penalty_names() -> list[str]:
@@ -93,6 +95,7 @@ def load_penalty(name: str, *, folder: Path) -> Penalty:
         terms=data["terms"],
         parameters=data.get("parameters", {}),
         classes=named_parameters(classes.data["weights"]),
+        ties=data.get("ties", ()),
     )
 
 
@@ -145,6 +148,10 @@ def with_penalty(document: YamlDocument) -> YamlDocument:
     data["parameters"] = _parameters(document, penalty, charged, safety.get("scale", 1))
     data["terms"] = {**data.get("terms", {}), "trial": _terms(document, penalty, charged)}
     data["score"] = _FINAL
+    ranking = data.get("ranking", {})
+    if penalty.ties:
+        own = list(ranking.get("ties", []))
+        data["ranking"] = {**ranking, "ties": own + [tie for tie in penalty.ties if tie not in own]}
     return replace(document, data=data)
 
 

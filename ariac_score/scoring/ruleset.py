@@ -41,6 +41,7 @@ from ariac_score.scoring.extending import (
     LAYOUTS,
     competitions_with,
     expanded_document,
+    own_document,
     path_of_rule_set,
     rule_set_names,
     unknown_keys,
@@ -78,6 +79,7 @@ __all__ = [
     "draft_rule_set",
     "expanded_yaml",
     "installed_rule_sets",
+    "installed_rule_sets_differing_from",
     "load_rule_set",
     "rule_set_from_text",
     "rule_set_names",
@@ -404,6 +406,21 @@ def installed_rule_sets(registry: Registry | None = None) -> list[RuleSet]:
     for name in rule_set_names(registry):
         with suppress(ScoreError):
             found.append(load_rule_set(name, registry))
+    return found
+
+
+def installed_rule_sets_differing_from(other: str, registry: Registry | None = None) -> list[RuleSet]:
+    """The installed rule sets that say how they differ from the one with this id.
+
+    What a rule set differs in is never inherited, so that of all others only the file itself is read.
+    """
+    found: list[RuleSet] = []
+    registry = registry or Registry()
+    for name in rule_set_names(registry):
+        with suppress(ScoreError):
+            stated = own_document(path_of_rule_set(name, Path(), registry)).data.get("differs", {})
+            if stated.get("from") == other:
+                found.append(load_rule_set(name, registry))
     return found
 
 
@@ -784,8 +801,16 @@ def _ranges(
     document: YamlDocument, checks: Mapping[str, Check], parameters: Mapping[str, NamedParameter]
 ) -> dict[str, tuple[float, float]]:
     ranges = {}
-    for name, (low, high) in document.data.get("ranges", {}).items():
+    for name, ends in document.data.get("ranges", {}).items():
         place = document.place(["ranges", name])
+        if ends is None:
+            raise RuleSetError(
+                f"there is no range of {name!r} to take away",
+                file=document.file,
+                place=place,
+                hint="only a rule set that 'extends' another one with that range can",
+            )
+        low, high = ends
         check, dot, _ = name.partition(".")  # `check.parameter`, or a parameter of the formulas
         known: Iterable[str] = checks if dot else parameters
         if name not in parameters and (check if dot else name) not in known:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from math import inf, isfinite
 
+from msgspec import UNSET, UnsetType
+
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.bounds import Bound, Worlds
@@ -148,7 +150,26 @@ def interval_of(settled: Settled, digits: int, counts: str) -> ScoreInterval | N
     least, most = settled.ends(digits)
     if least == most:
         return None
-    return ScoreInterval(least, most, _is_tight(settled), counts, _narrowing(settled, digits))
+    tight, narrowing = _is_tight(settled), _narrowing(settled, digits)
+    return ScoreInterval(least, most, tight, counts, narrowing, _unseen(settled, digits))
+
+
+def _unseen(settled: Settled, digits: int) -> Decimal | UnsetType:
+    """By how much a score is lower for what monitors did not see; nothing where that is not known."""
+    worlds, found = settled.worlds, dict(settled.findings)
+    if not settled.counts_least:
+        return UNSET
+    for one in worlds.variables:
+        if not one.is_verdict:
+            for key in (*one.best, *one.worst):
+                found.pop(key, None)
+            found |= {key: worlds.findings[key] for key in one.seen}
+    try:
+        samples = rounded(_evaluated(worlds, found).value, digits)
+    except FormulaError:
+        return UNSET
+    unseen = samples - settled.amount(digits)
+    return unseen if unseen > 0 else UNSET
 
 
 def _is_tight(settled: Settled) -> bool:

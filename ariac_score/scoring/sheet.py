@@ -10,7 +10,7 @@ from functools import cached_property
 
 from ariac_score.checks.findings import COUNT, POINTS, Finding, Verdict
 from ariac_score.errors import FormulaError, NeedsCohortError, OtherFactError, UnknownFactError, did_you_mean
-from ariac_score.scoring.charge import charge
+from ariac_score.scoring.charge import SHORTEST_AGAIN_S, charge
 from ariac_score.scoring.cohort import CohortTerm, CohortValues, Contribution
 from ariac_score.scoring.expression import FUNCTIONS, Expression, Number, Traced, add_up, arity_of, text_of
 from ariac_score.scoring.levels import (
@@ -32,6 +32,7 @@ __all__ = [
     "Pricing",
     "ScopeNames",
     "ScoreSheet",
+    "charge_options",
     "scopes_inside",
 ]
 
@@ -89,13 +90,13 @@ CHECK_FUNCTIONS: Mapping[str, str] = {
     "measure": "sum of a named quantity over its findings: measure(check, quantity)",
     "product": "p to the power of its violations: product(check, p=0.6)",
     "occurrences": "sum over its violations of 1 + whole times that every_s fits into their length",
-    "charged": "what violations of several checks cost, one event once: charged(check=weight, …)",
+    "charged": "what violations of several checks cost by depth, one event once: charged(check=weight, …)",
 }
 _OPTIONS: Mapping[str, frozenset[str]] = {
     "demerits": frozenset({"tau_s"}),
     "product": frozenset({"p"}),
     "occurrences": frozenset({"every_s"}),
-    "charged": frozenset({"again_after_s"}),
+    "charged": frozenset({"again_after_s", "severity"}),
 }
 _UNITS: Mapping[str, str] = {"points": POINTS, "count": COUNT, "seconds": "s"}
 """Units of what functions on checks give; `measure` gives what the quantity is in."""
@@ -202,7 +203,7 @@ class ScoreSheet:
 
     @property
     def pooled(self) -> tuple[str, ...]:
-        """The terms of the trial that the score takes from all runs of a team together (`runs.…`)."""
+        """The terms of the trial that the score takes at their greatest over all runs (`runs.…`)."""
         formulas = [
             self.score,
             *(
@@ -689,11 +690,11 @@ class ScopeNames:
         return scope.facts[name]
 
     def _across_runs(self, name: str, dotted: str) -> Traced:
-        """A term summed over all runs of the team; for a run scored alone, that of the run."""
+        """A term at its greatest over all runs of the team; for a run scored alone, that of the run."""
         values = self.pricing.cohort.values.get(dotted, {})
-        if "" in values:
-            return Traced(dotted, values[""], "fact")
         own = self.pricing.term(self.pricing.trial, name, ())
+        if "" in values and values[""] > own.value:
+            return Traced(dotted, values[""], "fact")
         return Traced(dotted, own.value, "term", children=(own,))
 
     def _across_teams(self, name: str, dotted: str) -> Traced:
@@ -793,17 +794,14 @@ class ScopeNames:
     def charged(self, options: Mapping[str, Number]) -> Traced:
         """What the violations of several checks cost, each moment under its heaviest."""
         weights = {name: weight for name, weight in options.items() if name not in _OPTIONS["charged"]}
-        again_after_s = options.get("again_after_s", AGAIN_AFTER_S)
         label = f"charged({', '.join(f'{name}={value:g}' for name, value in options.items())})"
         for name, weight in weights.items():
             if weight < 0:
                 raise FormulaError(
                     f"{label}: the weight of {name!r} is negative", hint="a violation never brings points"
                 )
-        if not again_after_s > 0:
-            raise FormulaError(f"{label}: again_after_s must be positive", hint="give a time in s, such as 5")
         findings = {key: f for name in weights for key, f in self.findings_of(name).items()}
-        shares = charge(findings, weights, again_after_s=again_after_s)
+        shares = charge(findings, weights, **charge_options(options, label))
         value = add_up(share for _, share in shares)
         return self._trace("charged", tuple(weights), label, value, shares, findings)
 
@@ -890,6 +888,29 @@ class ScopeNames:
         else:
             shares = violations
         return add_up(share for _, share in shares), shares
+
+
+def charge_options(options: Mapping[str, Number], label: str) -> dict[str, Number]:
+    """How `charged` counts time and depth.
+
+    Args:
+        options: As the formula states them.
+        label: The formula.
+
+    Raises:
+        FormulaError: Of the time or the depth something impossible is asked.
+    """
+    again_after_s, severity = options.get("again_after_s", AGAIN_AFTER_S), options.get("severity", 1)
+    if not again_after_s >= SHORTEST_AGAIN_S:
+        raise FormulaError(
+            f"{label}: again_after_s must be at least {SHORTEST_AGAIN_S:g} s",
+            hint="depth over time is kept with shorter valleys filled; give a time in s, such as 5",
+        )
+    if not severity >= 0:
+        raise FormulaError(
+            f"{label}: severity must not be negative", hint="1 counts depth in proportion, 0 not at all"
+        )
+    return {"again_after_s": again_after_s, "severity": severity}
 
 
 # 5 s as the default of all three: monitor catalogue, section 3.

@@ -17,11 +17,13 @@ class Lacking:
         topic: Its name.
         count: How many.
         span: From the heartbeat before the first of them to the heartbeat after the last, s of trial time.
+        all: Whether the log has none of that topic.
     """
 
     topic: str
     count: int
     span: Span
+    all: bool = False
 
     def __str__(self) -> str:
         """In words."""
@@ -39,6 +41,7 @@ class Attestation:
         unlisted: How many messages the log has of each topic that the recorder did not receive.
         put_in: The same, without those that it may have lost: what nobody sent.
         moved: How many messages of each topic the log has at other times than the recorder received them.
+        moved_by_s: By more than this; so late may a message come to either, s.
         unattested: Topics of the log that the recorder did not listen to.
         body: The manifest, whose bytes are signed.
         signature: The text of the signature; empty where there is none.
@@ -52,6 +55,7 @@ class Attestation:
     unlisted: tuple[tuple[str, int], ...] = ()
     put_in: tuple[tuple[str, int], ...] = ()
     moved: tuple[tuple[str, int], ...] = ()
+    moved_by_s: float = 1.0
     unattested: tuple[str, ...] = ()
     body: str = ""
     signature: str = ""

@@ -12,6 +12,7 @@ from math import dist
 
 import numpy as np
 
+from ariac_score.trial.denied import denied
 from ariac_score.trial.model import Body, LogDefect
 from ariac_score.trial.signals import Disbelieved, Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span
@@ -87,8 +88,10 @@ def believed(
     defects: list[LogDefect] = []
     found: dict[str, Signal] = {}
     copied = _replayed(signals)
+    jumping = {name: jumps(signal, bodies) for name, signal in signals.items()}
+    steady = {name: _without(signal, jumping[name]) for name, signal in signals.items()}
     for name, signal in signals.items():
-        jumped = jumps(signal, bodies)
+        jumped = jumping[name]
         if jumped.any():
             at_s = float(signal.t[np.argmax(jumped)])
             message = (
@@ -96,6 +99,14 @@ def believed(
                 "nothing is known there"
             )
             defects.append(LogDefect("implausible_jump", signal.name, int(jumped.sum()), message))
+        slow = denied(signal, steady.get(f"position/{subject_of(name)}"))
+        if slow.any():
+            at_s = float(signal.t[np.argmax(slow)])
+            message = (
+                f"it says from {at_s:.3f} s on that it is less than two thirds as fast as its positions "
+                "show; how fast it was is unknown there"
+            )
+            defects.append(LogDefect("denied_motion", signal.name, int(slow.sum()), message))
         again = np.zeros(len(signal), dtype=bool)
         for copy in copied.get(name, ()):
             again[copy.first : copy.behind] = True
@@ -110,7 +121,7 @@ def believed(
             )
             defects.append(LogDefect("replayed_stretch", signal.name, int(again.sum()), message))
         left_out = replace(signal, disbelieved=_disbelieved(signal, jumped)) if jumped.any() else signal
-        found[name] = _without(left_out, jumped | again)
+        found[name] = _without(left_out, jumped | again | slow)
     return found, defects
 
 

@@ -94,6 +94,7 @@ class TrialBuilder:
         self.records: list[Record] = []
         self.attestation: Attestation | None = None
         self.cut: Cut | None = None
+        self.unseen_losses = ""
         self._defects: dict[tuple[str, str], LogDefect] = {}
         self._watching: dict[str, float] = {}
 
@@ -201,6 +202,9 @@ class TrialBuilder:
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         self._believe_watchers()
+        if self.unseen_losses:
+            self.witnessed.clear()
+            self.defect("unseen_losses", str(self.trial_id), 1, self.unseen_losses)
         bodies = tuple(self.bodies.values())
         self.signals, noted = believed(self.signals, bodies)
         for defect in noted:

@@ -7,10 +7,25 @@ from dataclasses import replace
 from ariac_score.trial.model import Trial
 from ariac_score.trial.statements import BY_RULES, NOBODY, RECORDER, Statement
 
-__all__ = ["RECORDING", "with_window"]
+__all__ = ["RECORDING", "lacks_start", "with_window"]
 
 RECORDING = "recording"
 """The rules take the whole recording for the competition where it shows neither start nor end."""
+
+
+def lacks_start(trial: Trial, rule: str) -> bool:
+    """Whether nothing states when the competition started, of a log that does not show its end.
+
+    Args:
+        trial: As read.
+        rule: `window:` of the rule set.
+    """
+    return trial.started_s is None and rule != RECORDING and not _official_alone(trial)
+
+
+def _official_alone(trial: Trial) -> bool:
+    """Whether all that has a time is the official record, which is of the competition from its start on."""
+    return trial.official is not None and not trial.sampled
 
 
 def with_window(trial: Trial, rule: str) -> Trial:
@@ -26,8 +41,7 @@ def with_window(trial: Trial, rule: str) -> Trial:
     others = tuple(statement for statement in trial.statements if statement.fact != "window")
     if start_s is not None and end_s is not None and start_s < end_s:
         return trial
-    if trial.official is not None and not trial.sampled:
-        # The official record is of the competition from its start on, and nothing else moved.
+    if trial.official is not None and _official_alone(trial):
         stated = Statement("window", RECORDER, (trial.official.source,), "its times count from the start")
         return replace(trial, statements=tuple(sorted((*others, stated))))
     if start_s is None and end_s is None and rule == RECORDING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor, inf, sqrt
 from typing import ClassVar, Literal
 
@@ -32,6 +32,9 @@ from ariac_score.monitors import (
     ENVIRONMENT,
     OFF,
     ON,
+    SPEED,
+    STANDSTILL_SPEED_M_S,
+    TOWARDS_HUMAN,
     BoolArray,
     Bound,
     Encounter,
@@ -40,8 +43,10 @@ from ariac_score.monitors import (
     MarginMonitor,
     Rows,
     Signals,
+    Statement,
     Watched,
     Worse,
+    first_of_runs,
     pairs,
     rows_of_episodes,
     watched_signals,
@@ -61,7 +66,9 @@ class HumanContact(MarginMonitor):
         (`exposure_s`), and contacts whether the robot moved (`robot_moving`).
     Violated when:
         The distance is at or below `contact_distance_m`. Every such episode is a
-        critical event.
+        critical event. With `robot_must_move` a touch counts only from the first moment at which the robot
+        moved, at that sample or the one before, until they part: a human who walks into a robot at rest
+        is none of its doing. What does not show whether it moved, shows that it did.
     Source:
         ARIAC 2020-2022, documented scoring: a collision with a human zeroes the
         trial; the simulator never checked it. The distance that stands for contact
@@ -71,6 +78,8 @@ class HumanContact(MarginMonitor):
         contact_distance_m: At this distance they touch.
         max_gap_s: Longest time between two samples that shows nothing was missed.
         t_off_s: A pause that is not longer ends no contact.
+        robot_must_move: Whether a robot at rest touches nobody; `towards_human`: nor one that moves in any
+            other direction.
     """
 
     distance: Literal["centre_distance", "centre_distance_2d", "separation"] = parameter(
@@ -81,9 +90,12 @@ class HumanContact(MarginMonitor):
     )
     max_gap_s: float = parameter(0.05, unit="s", above=0, at_most=60, source="catalogue, 1.4")
     t_off_s: float = parameter(1.0, unit="s", at_least=0, at_most=60, source="catalogue, 1.2")
+    robot_must_move: Literal["no", "yes", "towards_human"] = parameter(
+        "no", source="the rules of ARIAC do not ask who walked into whom; ISO/TS 15066 asks of motion"
+    )
 
     subjects = pairs("robot", "human")
-    unit, critical = "m", True
+    unit, critical, graded = "m", True, False
     clause = "ARIAC 2022 scoring, robot-human collision"
 
     @property
@@ -108,7 +120,37 @@ class HumanContact(MarginMonitor):
     @property
     def encounter(self) -> Encounter:
         """Exposure and whether the robot moved; who closed in, the rules of ARIAC do not ask."""
-        return Encounter(self._template, tells=("robot_moving",))
+        closing = ("closing_by",) if self.robot_must_move == "towards_human" else ()
+        return Encounter(self._template, tells=("robot_moving", *closing))
+
+    @property
+    def charges_rest(self) -> bool:
+        """Whether a robot that stands still can violate anything."""
+        return self.robot_must_move == "no"
+
+    @property
+    def in_gaps(self) -> Literal["tight", "outer"]:
+        """Where motion is asked for, it need not have its worst together with the distance."""
+        return "tight" if self.robot_must_move == "no" else "outer"
+
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """The touches, but for those that a robot at rest has no part in."""
+        bound = self.bound(signals)
+        spared = bound.broken & ~self._at_fault(signals, bound.broken)
+        return self.findings(signals, replace(bound, applies=~spared) if spared.any() else bound)
+
+    def _at_fault(self, signals: Watched, touching: BoolArray) -> BoolArray:
+        """Where the robot moved since they touch, shape (n,)."""
+        if self.robot_must_move == "no":
+            return np.ones(len(signals), dtype=bool)
+        of = SPEED if self.robot_must_move == "yes" else TOWARDS_HUMAN
+        moved = ~(signals.known(of) <= STANDSTILL_SPEED_M_S)  # NaN: nobody knows
+        # It may stop at the very touch, between two samples; over a gap nobody knows.
+        moved[1:] |= moved[:-1].copy() | (np.diff(signals.t) > self.max_gap_s)
+        row = np.arange(len(moved))
+        latest = np.maximum.accumulate(np.where(moved, row, -1))
+        since: BoolArray = latest >= first_of_runs(signals.t, touching, self.max_gap_s)
+        return since
 
     def margin(self, signals: Signals) -> Bound:
         """Distance - the distance that is contact, m; at that distance they touch."""
@@ -122,7 +164,9 @@ class HumanContact(MarginMonitor):
         """How near they came, and when."""
         distance_m, at_s = limit.bound.actual[row], limit.watched.t[row]
         if episode is None:
-            return f"never nearer than {distance_m:.3f} m, at {at_s:.3f} s"
+            spared = limit.bound.applies is not None
+            rest = "; a human touched it while it stood still, which is not charged" if spared else ""
+            return f"never nearer than {distance_m:.3f} m, at {at_s:.3f} s{rest}"
         return f"contact: {distance_m:.3f} m at {at_s:.3f} s"
 
 

@@ -147,7 +147,8 @@ class SsmFormula(LimitMonitor):
         near_human_speed_m_s: Assumed speed of a human who is near.
         near_distance_m: Up to this distance a human is near.
         cap_m: The required distance is never more.
-        robot_must_move: Whether a robot at rest violates nothing.
+        robot_must_move: Whether a robot at rest violates nothing; `towards_human`: nor one that moves
+            in any other direction, the other reading of the standard.
         standstill_speed_m_s: What is slower stands.
         exposure_distance_m: Up to this distance a human is exposed to the moving robot.
         blame: Whether exposure and who closed in are told.
@@ -212,8 +213,10 @@ class SsmFormula(LimitMonitor):
         status="verified",
         source="ariac2023_agent: 5.0 (ariac2023 branch); otherwise none",
     )
-    robot_must_move: Literal["profile", "yes", "no"] = parameter(
-        "profile", source="standard: a robot at rest violates nothing; the others ask for no motion"
+    robot_must_move: Literal["profile", "yes", "towards_human", "no"] = parameter(
+        "profile",
+        source="standard: a robot at rest violates nothing; the others ask for no motion; "
+        "towards_human: nor one that closes no distance",
     )
     standstill_speed_m_s: float = parameter(
         STANDSTILL_SPEED_M_S, source="catalogue, M7; ARIAC 2023 uses it for AGVs", **SPEED
@@ -261,8 +264,15 @@ class SsmFormula(LimitMonitor):
         return not self._standard if self.human_speed == "profile" else self.human_speed == "measured"
 
     @cached_property
-    def _must_move(self) -> bool:
-        return self._standard if self.robot_must_move == "profile" else self.robot_must_move == "yes"
+    def _must_move(self) -> str:
+        if self.robot_must_move == "profile":
+            return "yes" if self._standard else "no"
+        return self.robot_must_move
+
+    @property
+    def charges_rest(self) -> bool:
+        """Whether a robot that stands still can violate anything."""
+        return self._must_move == "no"
 
     @property
     def _blames(self) -> bool:
@@ -288,7 +298,7 @@ class SsmFormula(LimitMonitor):
             "distance": self._distance,
             "stop_model": self._stop_model,
             "speeds": "directed" if self._directed else "scalar",
-            "robot_must_move": "yes" if self._must_move else "no",
+            "robot_must_move": self._must_move,
             "blame": "yes" if self._blames else "no",
         }
         if self.human_speed == "profile":
@@ -407,7 +417,7 @@ class SsmFormula(LimitMonitor):
         if self._measured_human:
             wanted[TOWARDS_ROBOT if self._directed else "speed/{human}"] = "m/s"
         wanted["speed/{robot}"] = "m/s"
-        if self._directed:
+        if self._directed or self._must_move == "towards_human":
             wanted[TOWARDS_HUMAN] = "m/s"
         return wanted
 
@@ -444,7 +454,8 @@ class SsmFormula(LimitMonitor):
             human = np.maximum(signals[TOWARDS_ROBOT], 0.0)
         else:
             human = signals["speed/{human}"]
-        return Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot))
+        moving = signals[TOWARDS_HUMAN] if self._must_move == "towards_human" else scalar
+        return Moments(distance_m, human, robot, scalar, self.d_min_m(human, robot), moving)
 
     @cached_property
     def distance_template(self) -> str:
@@ -453,7 +464,7 @@ class SsmFormula(LimitMonitor):
 
     def moves(self, now: Moments) -> BoolArray | None:
         """Where the requirement applies, if only to a robot that moves."""
-        return now.robot_scalar_m_s > self.standstill_speed_m_s if self._must_move else None
+        return None if self._must_move == "no" else now.robot_moving_m_s > self.standstill_speed_m_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,3 +476,5 @@ class Moments:
     robot_m_s: FloatArray
     robot_scalar_m_s: FloatArray
     required_m: FloatArray
+    robot_moving_m_s: FloatArray
+    """By which it is told whether the robot moves, m/s."""

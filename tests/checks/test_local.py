@@ -24,7 +24,7 @@ from ariac_score.review.verify import verify_result
 from ariac_score.scoring.ruleset import rule_set_from_text
 
 LOG = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
-TASK = 28  # what the shipments of the example are worth under paper2020, see examples/README.md
+TASK = 28  # what the shipments of the example are worth under paper2020.published, see examples/README.md
 
 MONITOR = '''
 from __future__ import annotations
@@ -52,7 +52,7 @@ RULES = """
 id: ours
 title: The task, less two points for every near miss
 source: our workshop
-extends: paper2020
+extends: paper2020.published
 monitors:
   near_miss: {use: "./ours.py:NearMiss", with: {limit_m: 0.4}}
 score: task - 2 * count(near_miss)

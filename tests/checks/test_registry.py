@@ -498,7 +498,7 @@ def test_a_monitor_that_reads_another_unit_is_refused_with_a_remedy(
     install("slow-rules", {"slow.speed": "Speed"}, source=OTHER_UNITS, version="6.6", group=MONITORS)
     rules = tmp_path / "rules.yaml"
     rules.write_text(
-        "id: r\ntitle: R\nsource: a test\nextends: paper2020\nmonitors: {slow: {use: slow.speed}}\n"
+        "id: r\ntitle: R\nsource: a test\nextends: paper2020.published\nmonitors: {slow: {use: slow.speed}}\n"
     )
 
     for arguments in (["score", str(EXAMPLE), "--rules"], ["rules", "validate"]):

@@ -49,7 +49,7 @@ SATISFIED, VIOLATED, INCONCLUSIVE = Verdict.SATISFIED, Verdict.VIOLATED, Verdict
 
 @cache
 def example() -> Result:
-    return load_result(ROOT / "examples/kitting_near_miss.result.json")
+    return load_result(ROOT / "tests/data/as_published/kitting_near_miss.result.json")
 
 
 NOTHING: Measured = replace(example().measured, findings={})
@@ -147,7 +147,7 @@ class Limited:
 def limited(trial: Trial) -> list[MarginSeries]:
     plugin = REGISTRY.find("ariac_score.monitors", "ariac.human_contact")
     limited = PreparedCheck("limited", plugin, Limited(), ())
-    rules = replace(prepare("paper2020", registry=REGISTRY), checks={"limited": limited})
+    rules = replace(prepare("paper2020.published", registry=REGISTRY), checks={"limited": limited})
     derived = derive_signals(trial, [Derivation("speed", 0.15)])
     return tracks(replace(example(), measured=NOTHING), derived, rules)
 

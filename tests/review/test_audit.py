@@ -508,7 +508,7 @@ def test_a_text_of_more_than_one_edition_asks_which(tmp_path: Path) -> None:
 
 def test_a_rule_set_that_knows_no_text_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="does not say what an official text prints"):
-        audit(bundle(tmp_path / "run"), "paper2020")
+        audit(bundle(tmp_path / "run"), "paper2020.published")
 
 
 @pytest.mark.parametrize(

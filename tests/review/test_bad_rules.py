@@ -5,6 +5,7 @@ What both sides of an exploit score is worked by hand from the formula, for one 
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from ariac_score.checks.registry import Registry
 from ariac_score.review.proofs.by_types import BY_TYPES
-from ariac_score.review.proofs.proving import law_named, random_search
+from ariac_score.review.proofs.proving import law_named, pointed_search, random_search
 from ariac_score.review.proofs.solver import BY_SOLVER, OutsideError, find_solver
 from ariac_score.review.proofs.subject import Subject, subject_of
 
@@ -48,7 +49,6 @@ EXPLOITS = {
     "merged": ("more_violations", 1 / (1 + 0.4 * (2 + 0.2 / 5)), 1 / (1 + 0.4 * (1 + 0.3 / 5))),
     "whole_steps": ("more_violations", 1 / 3, 1 / 2),
     # One dropped part in one run; the same again, and two count.
-    "twice_the_price": ("running_again", 1 / 2, 1 / 3),
     "no_points_left": ("doing_nothing", 1 - 10, 0),
     # One order for 0.4; two for 2 * 0.4 ** 2.
     "steeper_than_work": ("stopping_early", 0.4, 2 * 0.4**2),
@@ -81,8 +81,35 @@ def test_its_law_is_not_proven(name: str) -> None:
 def test_its_exploit_is_found_and_priced(name: str) -> None:
     law, before, after = EXPLOITS[name]
 
-    found = random_search(cases=400, seed=0)(subject(name), law_named(law))
+    found = random_search(cases=400, seed=0).look(subject(name), law_named(law))
 
     assert found is not None
     assert found.broken is not None
     assert (found.broken.first_score, found.broken.second_score) == pytest.approx((before, after))
+
+
+EDGES = {
+    # What takes more than 25 dropped parts is beyond every trial that is drawn by chance.
+    "pardoned": ("more_violations", "max(earned, 40 * violated(dropped)) if count(dropped) > 25 else 0"),
+    "worn_out": ("always_costs", "earned / (1 + min(count(dropped), 31))"),
+    "jackpot": ("waiting", "earned * (2 if trial.duration_s == 47.3 else 1)"),
+}
+"""By name: the law, and a score that breaks it only at a number that it states."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EDGES)
+def test_what_happens_at_a_stated_number_alone_is_found_there(name: str, tmp_path: Path) -> None:
+    law, score = EDGES[name]
+    text = (FOLDER / "steeper_than_work.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "rules.yaml"
+    file.write_text(re.sub("(?m)^score: .*$", f"score: {score}", text), encoding="utf-8")
+    rules = subject_of(str(file), REGISTRY)
+    by_chance, at_numbers = (
+        search(cases=400, seed=0).look(rules, law_named(law)) for search in (random_search, pointed_search)
+    )
+
+    assert by_chance is not None
+    assert by_chance.broken is None
+    assert at_numbers is not None
+    assert at_numbers.broken is not None

@@ -17,7 +17,7 @@ from ariac_score.review.conduct import MOST_BREACHES, Parts, Weighing, conduct_o
 from ariac_score.review.task_and_safety import TaskAndSafety
 from ariac_score.scoring.steward import Adjustment
 
-EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
+EXAMPLE = Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_what_would_have_helped_is_the_score_without_that_check(near_miss: Resul
 def test_of_very_many_violations_some_are_listed_and_the_rest_counted(near_miss: Result) -> None:
     breach = near_miss.findings["separation#1"]
     many = {f"separation#{n}": breach for n in range(1, MOST_BREACHES + 12)}
-    rules = load_rule_set("paper2020")
+    rules = load_rule_set("paper2020.published")
     found = {**{k: f for k, f in near_miss.findings.items() if f.check != "separation"}, **many}
     crowded = reprice(replace(near_miss, measured=replace(near_miss.measured, findings=found)), rules)
 
@@ -87,7 +87,7 @@ def test_what_stewards_decided_is_a_part_of_its_own(near_miss: Result) -> None:
         "d1", "A. Steward", "why", "2024-05-12T14:30:00Z", measured_sha256(near_miss),
         "kitting_near_miss", points=Decimal(-2),
     )  # fmt: skip
-    rules = load_rule_set("paper2020")
+    rules = load_rule_set("paper2020.published")
     adjusted = replace(near_miss, adjusted=apply(near_miss, [decision], rules, sha256="0" * 64))
     parts = conduct_of_run(adjusted).parts
 

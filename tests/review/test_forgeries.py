@@ -137,7 +137,7 @@ FORGERIES = (
         "the text of the rules, with its own hash",
         cheaper,
         "rules",
-        "paper2020 is another rule set than paper2020 as installed",
+        "paper2020.published is another rule set than paper2020.published as installed",
         price=True,
         after=own_hash,
     ),
@@ -184,7 +184,7 @@ FORGERIES = (
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The example, scored by the code as it is."""
     file = tmp_path_factory.mktemp("stored") / "result.json"
-    file.write_text(as_json(score_trial(LOG, "paper2020")), encoding="utf-8")
+    file.write_text(as_json(score_trial(LOG, "paper2020.published")), encoding="utf-8")
     return file
 
 
@@ -233,7 +233,7 @@ def test_a_forgery_is_refused_by_name(forgery: Forgery, stored: Path, tmp_path: 
     alone = verify_result(file)
     assert not alone.holds
     assert bool(alone.steps_that_are("failed")) is forgery.alone
-    found = alone if forgery.alone else verify_result(file, log=LOG, rules="paper2020")
+    found = alone if forgery.alone else verify_result(file, log=LOG, rules="paper2020.published")
     (words,) = [step.words for step in found.steps if (step.name, step.outcome) == (forgery.step, "failed")]
     assert forgery.words in words
 
@@ -258,21 +258,23 @@ def test_rules_that_nobody_else_knows_are_not_proven_even_with_the_log(
 ) -> None:
     """A forger may give edited rules a name of their own: then only who knows the rules can say."""
     rules = (
-        load_result(stored).rules.replace("id: paper2020", "id: ours", 1).replace("value: 0.4", "value: 0.04")
+        load_result(stored)
+        .rules.replace("id: paper2020.published", "id: ours", 1)
+        .replace("value: 0.4", "value: 0.04")
     )
     file = tmp_path / "ours.json"
     file.write_text(as_json(score_trial(LOG, rule_set_from_text(rules, file="ours"))), encoding="utf-8")
 
     assert main(["verify", str(file), "--log", str(LOG)]) == 8
     assert "consistent in itself; known from the file alone: rules" in capsys.readouterr().out
-    assert main(["verify", str(file), "--log", str(LOG), "--rules", "paper2020"]) == 1
+    assert main(["verify", str(file), "--log", str(LOG), "--rules", "paper2020.published"]) == 1
     (tmp_path / "ours.yaml").write_text(rules, encoding="utf-8")
     assert main(["verify", str(file), "--log", str(LOG), "--rules", str(tmp_path / "ours.yaml")]) == 0
 
 
 def test_the_ends_of_an_open_score_and_what_is_open_cannot_be_narrowed(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "t.jsonl", kitting_trial(human=False), signals=SNAPSHOT_SIGNALS)
-    result = score_trial(log, "paper2020")
+    result = score_trial(log, "paper2020.published")
     assert result.interval is not None
     narrower = replace(result, interval=msgspec.structs.replace(result.interval, most=Decimal(27)))
     findings = result.measured.findings.items()
@@ -315,7 +317,7 @@ def test_decisions_put_in_by_somebody_else_are_not_those_of_the_stewards(
         done = main(["adjust", str(stored), str(files[name]), "-o", str(tmp_path / f"{name}.json")])
         assert done == 0
 
-    whole = {"log": LOG, "rules": "paper2020"}
+    whole = {"log": LOG, "rules": "paper2020.published"}
     assert verify_result(tmp_path / "stewards.json", **whole, adjustments=files["stewards"]).holds
     alone = verify_result(tmp_path / "forger.json", **whole)
     assert (alone.holds, alone.steps_that_are("open")) == (False, ("adjustments",))

@@ -206,7 +206,10 @@ def test_the_log_map_that_reads_the_orders_is_extended(
     assert extended.code == 0
     assert "extends: ariac2020\n" in extended.text
     assert "orders: order_0" in capsys.readouterr().out
-    assert main(["score", str(extended.log), "--rules", "paper2020", "--log-map", str(extended.file)]) == 0
+    assert (
+        main(["score", str(extended.log), "--rules", "paper2020.published", "--log-map", str(extended.file)])
+        == 0
+    )
 
     without_motion = [m for m in messages if m.topic != "/snapshot"]
     equal = Drafted(tmp_path, without_motion, "--human", "none", "--robot", "none")
@@ -214,7 +217,7 @@ def test_the_log_map_that_reads_the_orders_is_extended(
     assert "OPEN" in equal.text
     assert "extends" not in yaml.safe_load(equal.text)
     nobody = ("--human", "none", "--robot", "none")
-    by_rules = Drafted(tmp_path, without_motion, "--rules", "paper2020", *nobody)
+    by_rules = Drafted(tmp_path, without_motion, "--rules", "paper2020.published", *nobody)
     assert (by_rules.code, yaml.safe_load(by_rules.text)["extends"]) == (0, "ariac2020")
 
 

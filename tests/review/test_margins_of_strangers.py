@@ -39,8 +39,8 @@ class Leaving:
 def test_a_monitor_that_gives_up_while_it_watches_is_named(cause: type[BaseException]) -> None:
     plugin = Plugin("stranger.leaving", "ariac_score.monitors", "x:Leaving", "stranger", "1.0")
     check = PreparedCheck("it", plugin, Leaving(cause), ())
-    prepared = replace(prepare(load_rule_set("paper2020")), checks={"it": check})
+    prepared = replace(prepare(load_rule_set("paper2020.published")), checks={"it": check})
     trial = kitting_trial()
 
     with pytest.raises(PluginError, match=rf"stranger\.leaving \(stranger 1\.0\) raised {cause.__name__}"):
-        tracks(score_trial(EXAMPLE, "paper2020"), trial, prepared)
+        tracks(score_trial(EXAMPLE, "paper2020.published"), trial, prepared)

@@ -181,12 +181,15 @@ def test_what_does_not_hold_is_not_proven(score: str, law: str, tmp_path: Path) 
     assert verdicts(made(tmp_path, score))[law] == "open"  # no search here, so no exploit either
 
 
-def test_the_default_charges_for_running_again_and_not_for_depth() -> None:
+def test_the_default_charges_depth_and_nothing_for_running_again() -> None:
     found = verdicts(subject_of(DEFAULT, REGISTRY), cases=3)
 
     assert found["more_violations"] == "proven"
-    assert found["running_again"] == "refuted"  # demerits are added up over runs
-    assert found["severity"] == "refuted"  # time is charged, and not depth
+    assert found["running_again"] == "proven"  # of all runs the worst counts
+    assert found["severity"] == "proven"
+    assert found["nothing_left"] == "proven"  # a tie-break tells
+    assert found["always_costs"] != "proven"  # not in the shadow of something heavier
+    assert found["no_cliff"] != "proven"  # the gate
 
 
 @pytest.mark.slow  # reduced from a random trial, step by step
@@ -272,7 +275,7 @@ def test_without_the_solver_a_law_is_open_and_says_so(
     for module in (prove_command, certificate_module):
         monkeypatch.setattr(module, "find_solver", lambda: None)
 
-    assert main(["rules", "prove", str(rules), "--cases", "0"]) == 6
+    assert main(["rules", "prove", str(rules), "--cases", "0", "--tries", "0"]) == 6
     assert "pip install 'ariac-score[prove]'" in " ".join(capsys.readouterr().out.split())
     assert main(["verify", str(file), "--rules", str(rules)]) == 6
     assert "not checked: decided by z3 " in capsys.readouterr().out
@@ -287,7 +290,7 @@ TAKEN_BACK = "earned / (1 + count(dropped)) + 2 * count(dropped) - 2 * count(dro
 def certificate(folder: Path, score: str = "earned / (1 + count(dropped))") -> tuple[Path, Path]:
     rules, file = folder / "made.yaml", folder / "certificate.json"
     rules.write_text(RULES.replace("SCORE", score), encoding="utf-8")
-    main(["rules", "prove", str(rules), "--cases", "0", "-o", str(file)])
+    main(["rules", "prove", str(rules), "--cases", "0", "--tries", "0", "-o", str(file)])
     return rules, file
 
 
@@ -369,7 +372,7 @@ def test_exit_codes(score: str, cases: str, code: int, tmp_path: Path) -> None:
     rules = tmp_path / "made.yaml"
     rules.write_text(RULES.replace("SCORE", score), encoding="utf-8")
 
-    assert main(["rules", "prove", str(rules), "--cases", cases]) == code
+    assert main(["rules", "prove", str(rules), "--cases", cases, "--tries", "0"]) == code
 
 
 def test_a_certificate_is_not_held_against_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

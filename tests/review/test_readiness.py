@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
 
 
-def ready(path: Path, rules: str = "paper2020") -> Readiness:
+def ready(path: Path, rules: str = "paper2020.published") -> Readiness:
     return check_log(path, load_rule_set(rules))
 
 
@@ -34,7 +34,7 @@ def test_the_example_can_be_scored() -> None:
 
     assert found.ready
     assert found.lacks == ()
-    assert set(found.decided) == set(load_rule_set("paper2020").checks)
+    assert set(found.decided) == set(load_rule_set("paper2020.published").checks)
 
 
 def test_what_is_missing_is_named_with_the_topics_it_comes_from(without_humans: Path) -> None:
@@ -84,7 +84,7 @@ def test_what_the_rules_price_is_told_and_does_not_stop(
     policy: str, effect: str, without_humans: Path, tmp_path: Path
 ) -> None:
     rules = tmp_path / "ours.yaml"
-    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text(encoding="utf-8")
+    text = (ROOT / "rules/paper2020/published.yaml").read_text(encoding="utf-8")
     for plugin in ("iso_ts_15066.ssm_separation", "ariac.human_contact"):
         text = text.replace(f"use: {plugin}\n", f"use: {plugin}\n    on_inconclusive: {policy}\n")
     assert text.count(f"on_inconclusive: {policy}") == 2
@@ -105,21 +105,23 @@ def test_rules_that_compare_teams_are_no_obstacle() -> None:
 
 def test_ready_says_what_scoring_does(without_humans: Path) -> None:
     for log in (EXAMPLE, without_humans):
-        assert (main(["check", str(log), "--rules", "paper2020"]) == 0) == (
-            main(["score", str(log), "--rules", "paper2020"]) == 0
+        assert (main(["check", str(log), "--rules", "paper2020.published"]) == 0) == (
+            main(["score", str(log), "--rules", "paper2020.published"]) == 0
         )
 
 
 def test_the_exit_code_and_the_text_say_it(without_humans: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020"]) == 0
-    assert "can be scored under paper2020" in capsys.readouterr().out
-    assert main(["check", str(without_humans), "--rules", "paper2020"]) == 6
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published"]) == 0
+    assert "can be scored under paper2020.published" in capsys.readouterr().out
+    assert main(["check", str(without_humans), "--rules", "paper2020.published"]) == 6
     out = capsys.readouterr().out
-    assert "trial.mcap leaves its score open under paper2020" in out
+    assert "trial.mcap leaves its score open under paper2020.published" in out
     assert "separation: trial:" in out
     assert out.index("record   one of /snapshot,") < out.index("trial:")
 
-    assert main(["check", str(without_humans), "--rules", "paper2020", "--output-format", "json"]) == 6
+    assert (
+        main(["check", str(without_humans), "--rules", "paper2020.published", "--output-format", "json"]) == 6
+    )
     data = json.loads(capsys.readouterr().out)
     assert data["ready"] is False
     assert [lack["effect"] for lack in data["lacks"]] == ["opens", "opens"]
@@ -132,14 +134,14 @@ def test_what_is_no_log_is_refused(
     if content is not None:
         (tmp_path / name).write_bytes(content)
 
-    assert main(["check", str(tmp_path / name), "--rules", "paper2020"]) == 5
+    assert main(["check", str(tmp_path / name), "--rules", "paper2020.published"]) == 5
     assert capsys.readouterr().out == ""
 
 
 def test_a_damaged_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "cut.mcap").write_bytes(EXAMPLE.read_bytes()[:100_000])
 
-    assert main(["check", str(tmp_path / "cut.mcap"), "--rules", "paper2020"]) == 6
+    assert main(["check", str(tmp_path / "cut.mcap"), "--rules", "paper2020.published"]) == 6
     assert "error:" in capsys.readouterr().err
 
 
@@ -157,5 +159,5 @@ def test_text_from_a_log_cannot_steer_the_terminal(
         tmp_path / "t\x1b[31m.jsonl", trial, signals=[n for n in SNAPSHOT_SIGNALS if "human" not in n]
     )
 
-    assert main(["check", str(log), "--rules", "paper2020"]) == 6
+    assert main(["check", str(log), "--rules", "paper2020.published"]) == 6
     assert "\x1b" not in capsys.readouterr().out

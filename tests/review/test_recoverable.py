@@ -14,7 +14,9 @@ from ariac_score_ariac.testing import kitting_trial
 
 
 def _scored(folder: Path, trial: Trial) -> Result:
-    return score_trial(write_trial_log(folder / "trial.jsonl", trial, signals=SNAPSHOT_SIGNALS), "paper2020")
+    return score_trial(
+        write_trial_log(folder / "trial.jsonl", trial, signals=SNAPSHOT_SIGNALS), "paper2020.published"
+    )
 
 
 def test_the_example_loses_what_a_hand_calculation_gives(tmp_path: Path) -> None:
@@ -50,8 +52,10 @@ def test_nobody_gains_more_than_was_possible(tmp_path: Path) -> None:
 def test_a_withheld_score_has_nothing_to_compare_with(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
     rules = tmp_path / "strict.yaml"
-    extended = "extends: paper2020, log_map: ariac2020, open: withhold"
-    rules.write_text(f"{{id: strict, title: paper2020, source: test, {extended}}}", encoding="utf-8")
+    extended = "extends: paper2020.published, log_map: ariac2020, open: withhold"
+    rules.write_text(
+        f"{{id: strict, title: paper2020.published, source: test, {extended}}}", encoding="utf-8"
+    )
     result = score_trial(log, rules)
 
     assert result.score is None

@@ -21,7 +21,7 @@ from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sens
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
 REGISTRY = Registry()
-HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\n"
+HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\n"
 # The breach of the example: 2.4 s, integral of relative depth 1.152 / 5.45849528 s; one episode.
 EPISODE = 1 + 1.152 / 5.45849528 / 5
 
@@ -29,11 +29,13 @@ EPISODE = 1 + 1.152 / 5.45849528 / 5
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("results") / "example.json"
-    path.write_text(as_json(score_trial(EXAMPLE, "paper2020")), encoding="utf-8")
+    path.write_text(as_json(score_trial(EXAMPLE, "paper2020.published")), encoding="utf-8")
     return path
 
 
-def found(stored: Path, rules: str = "paper2020", *, log: Path | None = None) -> dict[str, ScoreSensitivity]:
+def found(
+    stored: Path, rules: str = "paper2020.published", *, log: Path | None = None
+) -> dict[str, ScoreSensitivity]:
     each = score_sensitivity(load_result(stored), load_rule_set(rules), registry=REGISTRY, log=log)
     return {one.knob.name: one for one in each}
 
@@ -49,7 +51,7 @@ def _file(folder: Path, text: str) -> str:
 def test_the_elasticity_of_a_weight_is_that_of_its_formula(stored: Path) -> None:
     weight = found(stored)["separation_weight"]
 
-    # 28 / (1 + w d): elasticity - w d / (1 + w d); the range of paper2020 goes from 0.1 to 1
+    # 28 / (1 + w d): elasticity - w d / (1 + w d); the range of paper2020.published goes from 0.1 to 1
     assert (weight.knob.low, weight.knob.high, weight.knob.declared) == (0.1, 1.0, True)
     assert weight.low == pytest.approx(28 / (1 + 0.1 * EPISODE))
     assert weight.base == pytest.approx(28 / (1 + 0.4 * EPISODE))
@@ -123,10 +125,13 @@ def test_the_weights_of_a_penalty_are_varied_too(stored: Path, tmp_path: Path) -
     text = "score: task\ninclude: [penalty.gated_hyperbolic]\nsafety: {separation: {class: separation}}\n"
     each = found(stored, _file(tmp_path, HEAD + text))
 
+    # One rise and fall costs its peak and its integral / T: d = 0.4 (peak + integral / 5 s).
+    of = load_result(stored).measured.findings["separation#1"].quantities
+    peak, longer = of["relative_depth_max"], of["relative_depth_integral_s"] / 5
+    d = 0.4 * (peak + longer)
     for name in ("weight_of_separation", "safety_scale"):
-        assert each[name].elasticity == pytest.approx(-0.592 / 1.592, rel=1e-6)
-    # d = 0.4 (1 + 2.4 / T): elasticity in T is 0.4 * 2.4 / 5 / 1.592
-    assert each["safety_again_after_s"].elasticity == pytest.approx(0.4 * 0.48 / 1.592, rel=1e-6)
+        assert each[name].elasticity == pytest.approx(-d / (1 + d), rel=1e-6)
+    assert each["safety_again_after_s"].elasticity == pytest.approx(0.4 * longer / (1 + d), rel=1e-6)
 
 
 # Refused -------------------------------------------------------------------------------
@@ -271,7 +276,7 @@ SEPARATION = """\
 id: near
 title: The paper's rules, ranked
 source: a test
-extends: paper2020
+extends: paper2020.published
 """
 # The example is worth 28 points and has one near miss: 4.50249528 m at its closest, where 2.85849528 m
 # and delta_m are asked for. Without a breach it is ahead of 21 points; with one it is not, however shallow.

@@ -13,7 +13,7 @@ from ariac_score.results.result import Result
 from ariac_score.review.task_and_safety import TaskAndSafety, task_and_safety
 from ariac_score.scoring.cohort import CohortValues
 
-EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
+EXAMPLE = Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
 TASK = 28
 """What the work of the example is worth by hand (tests/test_same_bytes.py)."""
 
@@ -25,7 +25,7 @@ def near_miss() -> Result:
 
 @pytest.fixture(scope="module")
 def rules() -> RuleSet:
-    return load_rule_set("paper2020")
+    return load_rule_set("paper2020.published")
 
 
 def split(result: Result, rules: RuleSet, score: str) -> TaskAndSafety:

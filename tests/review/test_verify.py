@@ -33,7 +33,7 @@ Edit = Callable[[dict[str, Any]], None]
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The example, scored by the code as it is."""
     file = tmp_path_factory.mktemp("stored") / "result.json"
-    file.write_text(as_json(score_trial(LOG, "paper2020")), encoding="utf-8")
+    file.write_text(as_json(score_trial(LOG, "paper2020.published")), encoding="utf-8")
     return file
 
 
@@ -74,7 +74,7 @@ def words(found: Verification, name: str) -> str:
 
 
 def test_a_result_holds_alone_and_with_its_log(stored: Path) -> None:
-    alone, whole = verify_result(stored), verify_result(stored, log=LOG, rules="paper2020")
+    alone, whole = verify_result(stored), verify_result(stored, log=LOG, rules="paper2020.published")
 
     assert [s.name for s in alone.steps] == [
         *("schema", "sums", "automatic", "findings", "bytes", "rules", "code", "log")
@@ -89,7 +89,7 @@ def test_automatic_and_adjusted_are_told_apart(
     stored: Path, adjusted: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["verify", str(stored)]) == 8
-    assert "automatic result, score 19.761677, under paper2020" in capsys.readouterr().out
+    assert "automatic result, score 19.761677, under paper2020.published" in capsys.readouterr().out
 
     result, file = adjusted
     assert main(["verify", str(result), "--log", str(LOG), "--adjustments", str(file)]) == 0
@@ -137,7 +137,7 @@ def test_ranked_runs_of_any_layout_verify_against_their_competition(
             log.parent.mkdir(parents=True, exist_ok=True)
             kits = kitting_trial(human=False) if (team, run) == ("ours", 2) else kitting_trial()
             write_trial_log(log, kits, signals=SNAPSHOT_SIGNALS)
-    (root / "competition.yaml").write_text(f"{{id: cup, rules: paper2020, runs: '{pattern}'}}")
+    (root / "competition.yaml").write_text(f"{{id: cup, rules: paper2020.published, runs: '{pattern}'}}")
     assert main(["rank", str(root), "--results", str(results)]) == 0
     capsys.readouterr()
 
@@ -150,9 +150,9 @@ def test_ranked_runs_of_any_layout_verify_against_their_competition(
 
 
 def test_rules_that_are_not_installed_are_taken_from_the_result(tmp_path: Path) -> None:
-    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text(encoding="utf-8")
+    text = (ROOT / "rules/paper2020/published.yaml").read_text(encoding="utf-8")
     ours = tmp_path / "ours.yaml"
-    ours.write_text(text.replace("id: paper2020", "id: ours", 1), encoding="utf-8")
+    ours.write_text(text.replace("id: paper2020.published", "id: ours", 1), encoding="utf-8")
     (tmp_path / "r.json").write_text(as_json(score_trial(LOG, str(ours))), encoding="utf-8")
 
     found = verify_result(tmp_path / "r.json", log=LOG)
@@ -213,7 +213,7 @@ def _score_and_ledger(data: dict[str, Any]) -> None:
         (
             _set("provenance/rule_set/id", "ariac2024.official"),
             "rules",
-            "the rules in the result are 'paper2020'",
+            "the rules in the result are 'paper2020.published'",
         ),
     ],
 )
@@ -287,7 +287,7 @@ def test_a_log_that_was_changed_is_named(stored: Path, tmp_path: Path) -> None:
 
 
 def test_rules_asked_for_that_are_others_are_named_with_what_differs(stored: Path, tmp_path: Path) -> None:
-    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text(encoding="utf-8")
+    text = (ROOT / "rules/paper2020/published.yaml").read_text(encoding="utf-8")
     ours = tmp_path / "paper2020.yaml"
     ours.write_text(text.replace("round: 6", "round: 5") if "round: 6" in text else text + "round: 5\n")
     found = verify_result(stored, rules=str(ours))
@@ -326,7 +326,7 @@ def test_a_result_that_does_not_record_its_code_holds_with_a_note(
 ) -> None:
     file = edited(stored, tmp_path, _without_code)
 
-    found = {step.name: step for step in verify_result(file, log=LOG, rules="paper2020").steps}
+    found = {step.name: step for step in verify_result(file, log=LOG, rules="paper2020.published").steps}
 
     assert found["recomputed"].outcome == "note"
     assert "the code that made it is not recorded" in found["recomputed"].words
@@ -340,7 +340,7 @@ def test_a_result_that_does_not_record_its_code_is_compared_all_the_same(
 ) -> None:
     file = edited(stored, tmp_path, _of_another_team_without_code)
 
-    assert not verify_result(file, log=LOG, rules="paper2020").holds
+    assert not verify_result(file, log=LOG, rules="paper2020.published").holds
 
 
 def test_code_that_is_not_installed_is_named(stored: Path, tmp_path: Path) -> None:
@@ -405,7 +405,7 @@ def test_a_finding_that_cannot_be_is_found_without_the_log_and_has_no_price(
     assert words_of_it in words(found, "findings")
     assert main(["verify", str(forged)]) == 1
     capsys.readouterr()
-    assert main(["price", str(forged), "--rules", "paper2020"]) == 6
+    assert main(["price", str(forged), "--rules", "paper2020.published"]) == 6
     assert words_of_it.partition(": its ")[2] in capsys.readouterr().err
 
 
@@ -532,7 +532,6 @@ def test_only_provenance_and_declared_units_may_differ_with_the_same_findings(
 @pytest.mark.parametrize(
     ("document", "kind", "command"),
     [
-        ({"schema": "ariac-score/ranking/3"}, "ranking", "report"),
         ({"schema": "ariac-score/cohort/1"}, "cohort", "rank COMPETITION"),
         ({"schema": "ariac-score/audit/2"}, "audit", "audit PATH"),
         ({"schema": "ariac-score/outcome/1"}, "outcome", "batch"),

@@ -186,7 +186,7 @@ def test_a_mistaken_charge_is_refused_when_the_sheet_is_made(formula: str, cause
     ("formula", "cause"),
     [
         ("charged(separation=0 - 0.4)", "the weight of 'separation' is negative"),
-        ("charged(separation=1, again_after_s=0)", "again_after_s must be positive"),
+        ("charged(separation=1, again_after_s=0)", "again_after_s must be at least 1 s"),
         ("charged(contact=1)", "'contact' says nothing about the trial"),
         ("occurrences(separation, every_s=0)", "every_s must be positive"),
     ],

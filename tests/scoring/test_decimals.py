@@ -67,7 +67,7 @@ class Careless:
 
 
 def test_what_a_plugin_sets_ends_with_it() -> None:
-    rules = load_rule_set("paper2020").with_monitor("careless", Careless)
+    rules = load_rule_set("paper2020.published").with_monitor("careless", Careless)
     digits = decimal.getcontext().prec
 
     result = score_trial(LOG, rules.with_score("task - 2 / 3 * count(careless)"))

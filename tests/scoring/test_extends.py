@@ -16,7 +16,7 @@ from ariac_score.scoring.ruleset import differences, expanded_yaml
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
-HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\n"
+HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\n"
 
 
 def _file(folder: Path, text: str, name: str = "mine.yaml") -> str:
@@ -27,7 +27,7 @@ def _file(folder: Path, text: str, name: str = "mine.yaml") -> str:
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("results") / "example.json"
-    path.write_text(as_json(score_trial(EXAMPLE, "paper2020")), encoding="utf-8")
+    path.write_text(as_json(score_trial(EXAMPLE, "paper2020.published")), encoding="utf-8")
     return path
 
 
@@ -51,7 +51,7 @@ def test_a_check_is_replaced_whole_and_notes_are_added(tmp_path: Path) -> None:
         HEAD + "notes: [also this]\nrules:\n  part_pose: {use: kitting.pose, with: {max_distance_m: 0.04}}\n"
     )
 
-    mine, base = load_rule_set(_file(tmp_path, text)), load_rule_set("paper2020")
+    mine, base = load_rule_set(_file(tmp_path, text)), load_rule_set("paper2020.published")
 
     assert mine.checks["part_pose"].parameters == {"max_distance_m": 0.04}
     assert mine.notes == (*base.notes, "also this")
@@ -68,8 +68,8 @@ def test_a_check_may_move_from_rules_to_monitors(tmp_path: Path) -> None:
 
 
 def test_the_hash_of_a_rule_set_covers_what_it_extends(tmp_path: Path) -> None:
-    (tmp_path / "base.yaml").write_text(Path(load_rule_set("paper2020").file).read_text())
-    mine = _file(tmp_path, HEAD.replace("extends: paper2020", "extends: ./base.yaml"))
+    (tmp_path / "base.yaml").write_text(Path(load_rule_set("paper2020.published").file).read_text())
+    mine = _file(tmp_path, HEAD.replace("extends: paper2020.published", "extends: ./base.yaml"))
     before = load_rule_set(mine).sha256
     text = (tmp_path / "base.yaml").read_text()
     (tmp_path / "base.yaml").write_text(text + "# a comment changes nothing\n")
@@ -93,11 +93,15 @@ def test_the_expanded_text_is_the_same_rule_set_without_extends(tmp_path: Path) 
     ("text", "cause", "hint"),
     [
         (
-            HEAD.replace("paper2020", "paper2021"),
+            HEAD.replace("paper2020.published", "paper2021"),
             "there is no rule set 'paper2021'",
             "did you mean 'paper2020'?",
         ),
-        (HEAD.replace("paper2020", "./mine.yaml"), "extend each other in a circle", "one must stand alone"),
+        (
+            HEAD.replace("paper2020.published", "./mine.yaml"),
+            "extend each other in a circle",
+            "one must stand alone",
+        ),
         (HEAD.replace("extends", "extend"), "unknown key 'extend'", "did you mean 'extends'?"),
         ("id: mine\ntitle: Mine\nsource: a test\n", "is missing", "add"),
     ],
@@ -126,7 +130,7 @@ def test_pricing_again_gives_what_scoring_gives(stored: Path, tmp_path: Path) ->
 
 
 def test_pricing_under_the_same_rules_gives_the_same_bytes(stored: Path) -> None:
-    assert as_json(reprice(load_result(stored), load_rule_set("paper2020"))) == stored.read_text(
+    assert as_json(reprice(load_result(stored), load_rule_set("paper2020.published"))) == stored.read_text(
         encoding="utf-8"
     )
 
@@ -147,7 +151,7 @@ def test_price_prints_the_old_score_beside_the_new_one(
 
     out, err = capsys.readouterr()
     assert out.startswith("28 of 36 possible")
-    assert err == "before, under paper2020: 19.761677\n"
+    assert err == "before, under paper2020.published: 19.761677\n"
 
 
 def test_diff_says_what_differs_and_whose_score_would_change(
@@ -156,7 +160,7 @@ def test_diff_says_what_differs_and_whose_score_would_change(
     mine = _file(tmp_path, HEAD + "score: task\n")
     (stored.parent / "broken.json").write_text("{}")
 
-    assert main(["rules", "diff", "paper2020", mine, "--results", str(stored.parent)]) == 0
+    assert main(["rules", "diff", "paper2020.published", mine, "--results", str(stored.parent)]) == 0
 
     out = capsys.readouterr().out
     assert "$.score\n  - gate(human_contact) * task / (1 + demerits)\n  + task\n" in out
@@ -166,14 +170,14 @@ def test_diff_says_what_differs_and_whose_score_would_change(
 
 
 def test_diff_of_a_rule_set_with_itself_is_empty(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rules", "diff", "paper2020", "paper2020"]) == 0
+    assert main(["rules", "diff", "paper2020.published", "paper2020.published"]) == 0
     assert capsys.readouterr().out == ""
 
 
 def test_of_a_list_only_what_one_of_the_two_has_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = "id: ours\ntitle: Ours\nsource: us\nextends: paper2020\nnotes: [{0}]\n"
+    text = "id: ours\ntitle: Ours\nsource: us\nextends: paper2020.published\nnotes: [{0}]\n"
     for name, notes in (("a", "both, first alone"), ("b", "both, second alone"), ("c", "first alone, both")):
         (tmp_path / f"{name}.yaml").write_text(text.format(notes), encoding="utf-8")
     a, b, c = (str(tmp_path / f"{name}.yaml") for name in "abc")
@@ -192,7 +196,9 @@ def test_what_only_one_of_the_two_has_stands_alone(capsys: pytest.CaptureFixture
 def test_diff_over_a_folder_without_results_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["rules", "diff", "paper2020", "paper2020", "--results", str(tmp_path)]) == 4
+    assert (
+        main(["rules", "diff", "paper2020.published", "paper2020.published", "--results", str(tmp_path)]) == 4
+    )
     assert "no stored result" in capsys.readouterr().err
 
 
@@ -201,7 +207,7 @@ def test_a_result_that_was_open_can_be_priced_under_a_rule_set_with_a_policy(tmp
     from ariac_score_ariac.testing import kitting_trial  # noqa: PLC0415
 
     log = write_trial_log(tmp_path / "t.jsonl", kitting_trial(human=False), signals=["speed/robot"])
-    unseen = score_trial(log, "paper2020")
+    unseen = score_trial(log, "paper2020.published")
     text = HEAD + (
         "monitors:\n"
         "  separation: {use: iso_ts_15066.ssm_separation, on_inconclusive: exclude,"
@@ -230,7 +236,7 @@ def test_diff_names_what_needs_the_logs_and_scores_them(
     )
     mine = _file(tmp_path, HEAD + near)
 
-    assert main(["rules", "diff", "paper2020", mine, "--results", str(stored)]) == 0
+    assert main(["rules", "diff", "paper2020.published", mine, "--results", str(stored)]) == 0
     *_, needs, remedy = capsys.readouterr().out.splitlines()
     assert needs == "example.json: needs its log: separation of mine (other parameters)"
     assert remedy == "score them under both: --logs PATH instead of --results"
@@ -239,12 +245,28 @@ def test_diff_names_what_needs_the_logs_and_scores_them(
     (tmp_path / "logs/run.mcap").symlink_to(EXAMPLE)
     (tmp_path / "logs/notes.txt").write_text("no log")
     for logs in (EXAMPLE, tmp_path / "logs/run.mcap", tmp_path / "logs"):
-        assert main(["rules", "diff", "paper2020", mine, "--logs", str(logs)]) == 0
+        assert main(["rules", "diff", "paper2020.published", mine, "--logs", str(logs)]) == 0
         assert capsys.readouterr().out.splitlines()[-1].endswith(".mcap: 19.761677 -> 28")
 
 
 def test_diff_over_logs_that_are_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rules", "diff", "paper2020", "paper2020", "--logs", str(tmp_path / "none")]) == 5
+    assert (
+        main(
+            ["rules", "diff", "paper2020.published", "paper2020.published", "--logs", str(tmp_path / "none")]
+        )
+        == 5
+    )
     assert "no such file" in capsys.readouterr().err
     with pytest.raises(SystemExit):  # which of both would count?
-        main(["rules", "diff", "paper2020", "paper2020", "--logs", str(EXAMPLE), "--results", str(tmp_path)])
+        main(
+            [
+                "rules",
+                "diff",
+                "paper2020.published",
+                "paper2020.published",
+                "--logs",
+                str(EXAMPLE),
+                "--results",
+                str(tmp_path),
+            ]
+        )

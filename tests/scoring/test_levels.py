@@ -276,7 +276,7 @@ def ordered(random: Random, names: Mapping[str, str]) -> tuple[Scope, list[Findi
 
 @pytest.mark.parametrize("seed", range(12))
 def test_an_ariac_rule_set_with_renamed_levels_gives_the_same_score(seed: int) -> None:
-    ours = load_rule_set("paper2020")
+    ours = load_rule_set("paper2020.published")
     other = rule_set_from_text(renamed(ours.text), file="renamed")
     assert other.sheet.levels == ("screw", "plate", "rack", "trial")
     trial, findings = ordered(Random(seed), {})  # noqa: S311

@@ -21,9 +21,16 @@ from ariac_score.trial.spans import Span
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples/kitting_near_miss.mcap"
-HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nscore: task\n"
+HEAD = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\nscore: task\n"
 SAFETY = "safety:\n  separation: {class: separation}\n  human_contact: {class: contact}\n"
 INCLUDE = "include: [penalty.gated_hyperbolic]\n"
+PEAK, AREA_S = 0.175139841739, 0.211047173309
+"""Of the only breach of the example, as its finding has them: greatest relative depth, and its integral."""
+
+
+def charge(again_after_s: float = 5) -> float:
+    """One rise and fall costs its peak, and its integral over the time that is charged after it."""
+    return PEAK + AREA_S / again_after_s
 
 
 def _file(folder: Path, text: str, name: str = "mine.yaml") -> str:
@@ -125,29 +132,31 @@ def test_every_shipped_penalty_is_priced_by_hand_above_and_is_no_rule_set() -> N
 # On a real log -------------------------------------------------------------------------
 
 
-def test_the_example_under_the_default_penalty_is_worth_28_through_1_592(tmp_path: Path) -> None:
-    # One breach from 18.81 s to 21.21 s: demerits 0.4 * (1 + 2.4 / 5) = 0.592
+def test_the_example_under_the_default_penalty_is_worth_28_through_1_087(tmp_path: Path) -> None:
+    # One breach from 18.81 s to 21.21 s: demerits 0.4 * (0.1751 + 0.2110 / 5) = 0.0869
     result = score_trial(EXAMPLE, _file(tmp_path, HEAD + INCLUDE + SAFETY))
 
-    assert result.score == Decimal("17.587940")
+    assert result.score == Decimal("25.760398")
     assert result.ledger is not None
-    # 30 earned with the bonus of a kit that lacks a part; of these 17.587940 are left.
+    # 30 earned with the bonus of a kit that lacks a part; of these 25.760398 are left.
     (taken,) = [line for line in result.ledger.walk() if line.path == "score/taken"]
-    assert taken.amount == Decimal("17.587940") - 30
+    assert taken.amount == Decimal("25.760398") - 30
 
 
 def test_a_rule_set_without_a_penalty_is_not_touched() -> None:
-    assert score_trial(EXAMPLE, "paper2020").score == Decimal("19.761677")
+    assert score_trial(EXAMPLE, "paper2020.published").score == Decimal("19.761677")
 
 
 def test_a_result_with_a_penalty_can_be_read_back_and_priced_by_it_again(tmp_path: Path) -> None:
     mine = load_rule_set(_file(tmp_path, HEAD + INCLUDE + SAFETY))
-    (tmp_path / "result.json").write_text(as_json(score_trial(EXAMPLE, "paper2020")), encoding="utf-8")
+    (tmp_path / "result.json").write_text(
+        as_json(score_trial(EXAMPLE, "paper2020.published")), encoding="utf-8"
+    )
 
     again = reprice(load_result(tmp_path / "result.json"), mine)
     (tmp_path / "again.json").write_text(as_json(again), encoding="utf-8")
 
-    assert load_result(tmp_path / "again.json").score == Decimal("17.587940")
+    assert load_result(tmp_path / "again.json").score == Decimal("25.760398")
 
 
 def test_the_expanded_rule_set_stands_alone_in_plain_terms(tmp_path: Path) -> None:
@@ -159,7 +168,10 @@ def test_the_expanded_rule_set_stands_alone_in_plain_terms(tmp_path: Path) -> No
     assert "safety" not in alone.expanded
     assert alone.expanded["terms"]["trial"]["earned"] == "task"
     assert alone.parameters["weight_of_separation"].value == 0.4
-    assert alone.sheet.priced == {"separation", "human_contact"} | load_rule_set("paper2020").sheet.priced
+    assert (
+        alone.sheet.priced
+        == {"separation", "human_contact"} | load_rule_set("paper2020.published").sheet.priced
+    )
 
 
 def test_the_hash_covers_the_penalty(tmp_path: Path) -> None:
@@ -221,8 +233,8 @@ def test_a_parameter_of_a_penalty_cannot_be_taken_away(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("terms: {trial: {safety_multiplier: 1 / (1 + 2 * safety_demerits)}}\n", 28 / (1 + 2 * 0.592)),
-        ("parameters: {safety_again_after_s: 10}\n", 28 / (1 + 0.4 * 1.24)),
+        ("terms: {trial: {safety_multiplier: 1 / (1 + 2 * safety_demerits)}}\n", 28 / (1 + 0.8 * charge())),
+        ("parameters: {safety_again_after_s: 10}\n", 28 / (1 + 0.4 * charge(10))),
         ("terms: {trial: {safety_gate: 0}}\n", 0),
     ],
 )
@@ -235,11 +247,14 @@ def test_a_term_or_parameter_of_the_rule_set_itself_wins(tmp_path: Path, text: s
 @pytest.mark.parametrize(
     ("safety", "expected"),
     [
-        ("{separation: {class: separation, weight: 1}, human_contact: {class: contact}}", 28 / 2.48),
-        ("{separation: {class: separation}, scale: 2}", 28 / 2.184),
+        (
+            "{separation: {class: separation, weight: 1}, human_contact: {class: contact}}",
+            28 / (1 + charge()),
+        ),
+        ("{separation: {class: separation}, scale: 2}", 28 / (1 + 0.8 * charge())),
         ("{separation: {class: separation}, scale: 0}", 28),
         ("{separation: {class: informational}}", 28),
-        ("{separation: {class: ours, weight: 0.4}}", 28 / 1.592),
+        ("{separation: {class: ours, weight: 0.4}}", 28 / (1 + 0.4 * charge())),
     ],
 )
 def test_weight_and_scale_are_the_organisers(tmp_path: Path, safety: str, expected: float) -> None:
@@ -254,7 +269,7 @@ def test_another_rule_set_may_change_weights_or_the_penalty_of_the_one_it_extend
     heavier = _file(tmp_path, head + "safety: {separation: {class: separation, weight: 1}}\n")
     gate = _file(tmp_path, head + "include: [penalty.gate]\n", "gate.yaml")
 
-    assert float(score_trial(EXAMPLE, heavier).score or 0) == pytest.approx(28 / 2.48, abs=1e-6)
+    assert float(score_trial(EXAMPLE, heavier).score or 0) == pytest.approx(28 / (1 + charge()), abs=1e-6)
     assert score_trial(EXAMPLE, gate).score == 0
 
 
@@ -295,7 +310,11 @@ def test_where_no_check_is_left_a_sum_takes_nothing(tmp_path: Path, join: str, s
     ("text", "cause", "hint"),
     [
         ("include: [penalty.gated]\n" + SAFETY, "no penalty 'penalty.gated'", "penalty.gate"),
-        ("include: [paper2020]\n" + SAFETY, "no penalty 'paper2020'", "installed penalties"),
+        (
+            "include: [paper2020.published]\n" + SAFETY,
+            "no penalty 'paper2020.published'",
+            "installed penalties",
+        ),
         ("include: [./nowhere.yaml]\n" + SAFETY, "no such file", "check the path"),
         ("include: []\n" + SAFETY, "should be non-empty", ""),
         ("include: [penalty.gate, penalty.product]\n" + SAFETY, "too long", ""),

@@ -408,7 +408,7 @@ def test_a_rule_set_file_that_is_missing_is_said_to_be_missing(tmp_path: Path) -
 
 
 def test_every_fact_a_formula_may_name_is_described() -> None:
-    facts = load_rule_set("paper2020").sheet.facts
+    facts = load_rule_set("paper2020.published").sheet.facts
 
     assert {level for level, own in facts.items() if own} == {"submission", "order", "trial"}
     assert all(fact.meaning for own in facts.values() for fact in own.values())
@@ -598,7 +598,7 @@ def test_levels_and_facts_are_inherited_and_replaced_by_those_of_the_heir(
 
 
 def test_what_a_result_holds_needs_no_plugin_of_the_competition() -> None:
-    text = load_rule_set("paper2020").text.replace("use: ariac\n", "use: gone_with_its_authors\n")
+    text = load_rule_set("paper2020.published").text.replace("use: ariac\n", "use: gone_with_its_authors\n")
 
     sheet = rule_set_from_text(text, file="the rules in the result").sheet
 

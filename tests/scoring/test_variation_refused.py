@@ -43,11 +43,11 @@ def test_a_sweep_over_what_cannot_be_is_refused_before_anything_is_scored(
     values: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(RuleSetError, match=message):
-        load_rule_set("paper2020").with_parameters(values)
+        load_rule_set("paper2020.published").with_parameters(values)
 
 
 def test_a_sweep_takes_numbers_of_numpy() -> None:
-    rules = load_rule_set("paper2020").with_parameters({"separation.t1_s": np.float32(0.5)})
+    rules = load_rule_set("paper2020.published").with_parameters({"separation.t1_s": np.float32(0.5)})
 
     assert rules.checks["separation"].parameters["t1_s"] == 0.5
     assert rules.with_score(np.int64(3)).expanded["score"] == 3

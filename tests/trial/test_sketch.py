@@ -222,7 +222,7 @@ def test_a_chart_that_makes_no_sense_is_refused(t: Any, actual: Any, limit: Any,
 
 
 def test_the_result_holds_each_column_of_the_sketch_on_one_line_and_reads_it_back(tmp_path: Path) -> None:
-    result = score_trial(EXAMPLE, "paper2020")
+    result = score_trial(EXAMPLE, "paper2020.published")
     text = as_json(result)
     (tmp_path / "result.json").write_text(text, encoding="utf-8")
 
@@ -231,14 +231,15 @@ def test_the_result_holds_each_column_of_the_sketch_on_one_line_and_reads_it_bac
     assert again.measured.sketch == result.measured.sketch
     assert as_json(again) == text
     curves = json.loads(text)["measured"]["sketch"]["curves"]
-    lines = [line for line in text.splitlines() if line.strip().startswith('"t_s": [')]
+    _, _, sketched = text.partition('"sketch": {')  # profiles of depth have times as well
+    lines = [line for line in sketched.splitlines() if line.strip().startswith('"t_s": [')]
     assert len(lines) == len(curves)
     for curve, line in zip(curves, lines, strict=True):
         assert line.rstrip(",").count(",") == len(curve["t_s"]) - 1
 
 
 def test_the_curve_of_the_example_is_that_of_its_monitor() -> None:
-    sketch = score_trial(EXAMPLE, "paper2020").measured.sketch
+    sketch = score_trial(EXAMPLE, "paper2020.published").measured.sketch
 
     assert sketch is not None
     curves = {curve.check: curve for curve in sketch.curves}
@@ -250,7 +251,7 @@ def test_the_curve_of_the_example_is_that_of_its_monitor() -> None:
 
 
 def test_a_result_of_before_has_no_sketch_and_is_still_read(tmp_path: Path) -> None:
-    data = json.loads(as_json(score_trial(EXAMPLE, "paper2020")))
+    data = json.loads(as_json(score_trial(EXAMPLE, "paper2020.published")))
     del data["measured"]["sketch"]
     (tmp_path / "old.json").write_text(json.dumps(data), encoding="utf-8")
 
@@ -263,7 +264,9 @@ def test_the_sketch_does_not_depend_on_the_order_of_signals(tmp_path: Path) -> N
 
     assert sketch_of(replace(trial, signals=turned), {}, {}) == sketch_of(trial, {}, {})
     log = write_trial_log(tmp_path / "a.jsonl", trial)
-    assert as_json(score_trial(log, "paper2020")) == as_json(score_trial(log, "paper2020"))
+    assert as_json(score_trial(log, "paper2020.published")) == as_json(
+        score_trial(log, "paper2020.published")
+    )
 
 
 @pytest.mark.parametrize(
@@ -279,7 +282,7 @@ def test_the_sketch_does_not_depend_on_the_order_of_signals(tmp_path: Path) -> N
     ],
 )
 def test_a_damaged_sketch_is_refused(tmp_path: Path, change: Any) -> None:
-    data = json.loads(as_json(score_trial(EXAMPLE, "paper2020")))
+    data = json.loads(as_json(score_trial(EXAMPLE, "paper2020.published")))
     change(data["measured"]["sketch"]["curves"][0])
     (tmp_path / "bad.json").write_text(json.dumps(data), encoding="utf-8")
 

@@ -115,6 +115,7 @@ OF_VECTORS = (
     "ariac_score/monitors/gaps.py",
     "ariac_score/monitors/unseen.py",
     "ariac_score/trial/believed.py",
+    "ariac_score/trial/denied.py",
 )
 """These add up the components of vectors in space: three numbers, which numpy adds in their order."""
 

@@ -14,6 +14,7 @@ from random import Random
 
 import numpy as np
 
+from ariac_score.checks.depth import DepthProfile, depth_profile
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression, Number, text_of
@@ -104,11 +105,16 @@ class World:
         events: Checks about single events, which have a moment and no duration.
         bridged: Below which pause a monitor makes one of two violations, s, by check; 1 s where nothing
             is given, as in the made competition, whose monitors are not installed.
+        ungraded: Checks whose violations have no depth, such as contacts.
+        humans: For each check about humans whether it charges a machine that stands still; `None` where it
+            does not say.
     """
 
     rule_set: RuleSet
     events: frozenset[str] = frozenset()
     bridged: Mapping[str, float] = field(default_factory=dict)
+    ungraded: frozenset[str] = frozenset()
+    humans: Mapping[str, bool | None] = field(default_factory=dict)
 
     @cached_property
     def uses(self) -> dict[str, list[tuple[str, str]]]:
@@ -128,6 +134,18 @@ class World:
                     check, quantity = (ast.unparse(argument) for argument in call.args)
                     found.setdefault(check, set()).add(quantity)
         return {check: tuple(sorted(found[check])) for check in sorted(found)}
+
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """The numbers above 0 that formulas state and parameters name, with 1, sorted."""
+        stated = {
+            float(node.value)
+            for formula in _all_formulas(self.rule_set)
+            for node in formula.walk()
+            if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+        }
+        named = {float(parameter.value) for parameter in self.rule_set.parameters.values()}
+        return tuple(sorted(number for number in {1.0, *stated, *named} if number > 0))
 
     @cached_property
     def kinds(self) -> frozenset[str]:
@@ -165,6 +183,11 @@ class World:
     def watched(self) -> tuple[str, ...]:
         """Safety checks about stretches of time."""
         return tuple(check for check in self.safety if check not in self.events)
+
+    @cached_property
+    def graded(self) -> tuple[str, ...]:
+        """Those of them whose violations have a depth."""
+        return tuple(check for check in self.watched if check not in self.ungraded)
 
     @cached_property
     def task(self) -> tuple[str, ...]:
@@ -269,7 +292,8 @@ class World:
                     moment = Span(violation.start / TICKS_PER_S, violation.start / TICKS_PER_S)
                     yield _violated(check, subject, moment, critical=violation.critical)
             else:
-                yield from _episodes(violations, case, subject, self.t_off_s(check))
+                graded = check not in self.ungraded
+                yield from _episodes(violations, case, subject, self.t_off_s(check), graded=graded)
         if none:
             yield Finding(
                 PAIRS[0], Verdict.SATISFIED, "kept", quantities=dict.fromkeys(_SEVERITIES, 0.0), check=check
@@ -289,12 +313,11 @@ class World:
         scopes, findings = self.scopes(case), self.findings(case)
         cohort = self._cohort(scopes)
         if runs > 1:
-            pooled = {
-                f"runs.{name}": {
-                    "": runs * sheet.evaluate_in(sheet.terms[TRIAL][name], scopes, findings)[""].value
-                }
+            values = {
+                name: [sheet.evaluate_in(sheet.terms[TRIAL][name], scopes, findings)[""].value] * runs
                 for name in sheet.pooled
             }
+            pooled = {f"runs.{name}": {"": max(each)} for name, each in values.items()}
             cohort = replace(cohort, values={**cohort.values, **pooled})
         return value_of(
             findings,
@@ -409,7 +432,9 @@ def _scopes(shape: _Shape, orders: tuple[tuple[int, ...], ...], duration: int) -
     return replace(whole, facts={**whole.facts, "duration_s": duration / TICKS_PER_S})
 
 
-def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: float) -> Iterator[Finding]:
+def _episodes(
+    violations: list[Violation], case: Case, subject: str, t_off_s: float, *, graded: bool
+) -> Iterator[Finding]:
     """As a monitor finds them: violating samples, grouped over pauses shorter than `t_off_s`."""
     # Two more ticks, so that half the rate has a sample after the last violation as well.
     ticks = np.arange(0, max(case.duration, violations[-1].end + 2), case.step)
@@ -433,10 +458,21 @@ def _episodes(violations: list[Violation], case: Case, subject: str, t_off_s: fl
             time_in_violation_s=int(rows.sum()) * sample_s,
             relative_depth_integral_s=exact_sum(depth[rows]) * sample_s,
             relative_depth_max=float(depth[rows].max()),
+            profile=depth_profile(t[rows], np.full(int(rows.sum()), sample_s), depth[rows])
+            if graded
+            else None,
         )
 
 
-def _violated(check: str, subject: str, span: Span, *, critical: bool, **quantities: float) -> Finding:
+def _violated(
+    check: str,
+    subject: str,
+    span: Span,
+    *,
+    critical: bool,
+    profile: DepthProfile | None = None,
+    **quantities: float,
+) -> Finding:
     numbers = {**dict.fromkeys(_SEVERITIES, 0.0), **quantities}
     return Finding(
         subject,
@@ -446,6 +482,7 @@ def _violated(check: str, subject: str, span: Span, *, critical: bool, **quantit
         quantities=numbers,
         critical=critical,
         check=check,
+        profile=profile,
     )
 
 

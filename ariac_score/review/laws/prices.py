@@ -18,6 +18,10 @@ def _without_time(world: World) -> str:
     return without_safety(world) or ("" if world.watched else "every safety check is about single events")
 
 
+def _without_depth(world: World) -> str:
+    return _without_time(world) or ("" if world.graded else "no safety check measures depth")
+
+
 # A further violation always costs ------------------------------------------------------
 
 
@@ -90,7 +94,7 @@ _APART = 20 * TICKS_PER_S
 def _draw_deeper(world: World, rng: Random) -> Situation:
     case = draw_case(world, rng, most_violations=0)
     violation = draw_violation(world, rng, shortest=TICKS_PER_S)
-    check = world.watched[int(rng.random() * len(world.watched))]
+    check = world.graded[int(rng.random() * len(world.graded))]
     shallow = replace(violation, check=check, depth=0.1, critical=False)
     shallow = replace(shallow, end=max(shallow.end, shallow.start + TICKS_PER_S))
     return Situation(replace(case, failed=frozenset()), violation=shallow)
@@ -192,6 +196,32 @@ def _again(world: World, situation: Situation) -> Broken | None:
     return Broken("run once", once, "run twice, the second exactly as the first", again)
 
 
+# Standing still is not charged for what the human does -----------------------------------
+
+
+def _without_humans(world: World) -> str:
+    if any(check in world.humans for check in world.safety):
+        return ""
+    return without_safety(world) or "no safety check says that it is about a machine and a human"
+
+
+def _draw_still(world: World, rng: Random) -> Situation:
+    case = draw_case(world, rng, most_violations=0)
+    among = [check for check in world.safety if check in world.humans]
+    violation = replace(draw_violation(world, rng), check=among[int(rng.random() * len(among))])
+    return Situation(replace(case, failed=frozenset()), violation=violation)
+
+
+def _still(world: World, situation: Situation) -> Broken | None:
+    met, case = situation.violation, situation.case
+    if met is None or not world.humans.get(met.check):
+        return None
+    before, after = scores_of(world, case, replace(case, violations=tuple(sorted([*case.violations, met]))))
+    if after >= before - margin_of(before, after):
+        return None
+    return Broken("the robot stands still", before, f"and a human walks up to it: {met}", after)
+
+
 PRICE_LAWS: tuple[Law, ...] = (
     Law(
         "nothing_left",
@@ -214,8 +244,9 @@ PRICE_LAWS: tuple[Law, ...] = (
     Law(
         "severity",
         "a deeper violation costs more",
-        "a violation at a tenth of the greatest depth becomes as deep as can be; a score above 0 must fall",
-        _without_time,
+        "the only violation, at a tenth of the greatest depth, becomes as deep as can be; a score above 0 "
+        "must fall; a check that measures no depth, as of contacts, is not asked",
+        _without_depth,
         _draw_deeper,
         _deeper,
     ),
@@ -235,6 +266,14 @@ PRICE_LAWS: tuple[Law, ...] = (
         _over_one_run,
         _draw_again,
         _again,
+    ),
+    Law(
+        "standing_still",
+        "standing still is not charged for what the human does",
+        "a human walks up to a robot that stands still; a check that finds a violation in that may not cost",
+        _without_humans,
+        _draw_still,
+        _still,
     ),
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Set
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from dataclasses import dataclass
 from random import Random
 from types import MappingProxyType
@@ -13,9 +13,20 @@ from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.laws import LAWS, Broken, Law, Situation, simpler
 from ariac_score.review.laws.prices import ALL_LAWS
+from ariac_score.review.laws.words import trial_in_words
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["DEFAULT_CASES", "Outcome", "bridged_pauses", "check_laws", "event_checks"]
+__all__ = [
+    "DEFAULT_CASES",
+    "Draw",
+    "Outcome",
+    "about_humans",
+    "any_draw",
+    "bridged_pauses",
+    "check_laws",
+    "event_checks",
+    "ungraded_checks",
+]
 
 DEFAULT_CASES = 400
 """Random cases for each law."""
@@ -34,8 +45,9 @@ class Outcome:
             value in any case.
         reason: Why it does not apply or could not be tried.
         cases: How many cases were tried.
-        situation: The smallest counter-example found.
+        situation: The smallest counter-example found; `None` where it is of a log.
         broken: What is wrong with it.
+        log: The log that it is of, in words; empty where the trial is made.
     """
 
     law: Law
@@ -44,6 +56,20 @@ class Outcome:
     cases: int = 0
     situation: Situation | None = None
     broken: Broken | None = None
+    log: str = ""
+
+    def trial(self, levels: Sequence[str]) -> str:
+        """The trial of the counter-example in words; `levels` are those of the rule set."""
+        return self.log if self.situation is None else trial_in_words(self.situation.case, levels)
+
+
+Draw = Callable[[Law, World, Random], Situation]
+"""The next situation in which a law is tried."""
+
+
+def any_draw(law: Law, world: World, rng: Random) -> Situation:
+    """Any situation that the law may be tried in."""
+    return law.draw(world, rng)
 
 
 def check_laws(
@@ -53,8 +79,11 @@ def check_laws(
     seed: int = 0,
     events: Set[str] = frozenset(),
     bridged: Mapping[str, float] = MappingProxyType({}),
+    ungraded: Set[str] = frozenset(),
+    humans: Mapping[str, bool | None] = MappingProxyType({}),
     only: Collection[str] = (),
     steps: int = MOST_STEPS,
+    draw: Draw = any_draw,
 ) -> tuple[Outcome, ...]:
     """Try every law on random cases; the same seed gives the same cases.
 
@@ -65,12 +94,15 @@ def check_laws(
         events: The checks that speak of single events (`event_checks`); every other monitor
             is taken to watch stretches of time.
         bridged: Below which pause each of these makes one of two violations, s (`bridged_pauses`).
+        ungraded: The checks whose violations have no depth (`ungraded_checks`).
+        humans: The checks about humans, and whether they charge a machine at rest (`about_humans`).
         only: Names of the laws to try; empty: all.
         steps: How many tries a counter-example is reduced by, which take time.
+        draw: What the next case is; any that the law may be tried in, where nothing is given.
     """
-    world = World(rule_set, frozenset(events), bridged)
+    world = World(rule_set, frozenset(events), bridged, frozenset(ungraded), humans)
     laws = [law for law in (ALL_LAWS if only else LAWS) if not only or law.name in only]
-    return tuple(_tried(law, world, cases, seed, steps=steps) for law in laws)
+    return tuple(_tried(law, world, cases, seed, steps=steps, draw=draw) for law in laws)
 
 
 def event_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
@@ -101,7 +133,37 @@ def bridged_pauses(rule_set: RuleSet, registry: Registry) -> dict[str, float]:
     }
 
 
-def _tried(law: Law, world: World, cases: int, seed: int, *, steps: int) -> Outcome:
+def ungraded_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
+    """The monitors of a rule set whose violations have no depth: they do not say that theirs have.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+        RuleSetError: A plugin refuses its parameters.
+    """
+    built = rule_set.build(registry)
+    return frozenset(
+        name
+        for name, check in built.items()
+        if isinstance(check, Monitor) and not getattr(check, "graded", False)
+    )
+
+
+def about_humans(rule_set: RuleSet, registry: Registry) -> dict[str, bool | None]:
+    """The monitors about humans, and whether each charges a machine at rest; `None`: it does not say.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+        RuleSetError: A plugin refuses its parameters.
+    """
+    found: dict[str, bool | None] = {}
+    for name, check in rule_set.build(registry).items():
+        kinds = getattr(getattr(check, "subjects", None), "kinds", ())
+        if isinstance(check, Monitor) and "human" in kinds and len(kinds) > 1:
+            found[name] = getattr(check, "charges_rest", None)
+    return found
+
+
+def _tried(law: Law, world: World, cases: int, seed: int, *, steps: int, draw: Draw) -> Outcome:
     reason = law.idle(world)
     if reason:
         return Outcome(law, "not_applicable", reason)
@@ -109,7 +171,7 @@ def _tried(law: Law, world: World, cases: int, seed: int, *, steps: int) -> Outc
     rng = Random(f"{law.name}:{seed}")  # noqa: S311  # no secrets are made of it
     tried, unpriced = 0, ""
     for _ in range(cases):
-        situation = law.draw(world, rng)
+        situation = draw(law, world, rng)
         try:
             broken = law.broken(world, situation)
         except FormulaError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ariac_score.scoring.ruleset import RuleSet, draft_rule_set
 
-__all__ = ["DEFAULT", "REFERENCE_EVENTS", "reference_rules"]
+__all__ = ["DEFAULT", "REFERENCE_EVENTS", "REFERENCE_UNGRADED", "reference_rules"]
 
 DEFAULT = "penalty.gated_hyperbolic"
 
@@ -36,6 +36,10 @@ safety:
 
 REFERENCE_EVENTS = frozenset({"arm_collision"})
 """The checks of the made competition that speak of single events."""
+
+
+REFERENCE_UNGRADED = frozenset({"human_contact"})
+"""Those whose violations have no depth."""
 
 
 def reference_rules(penalty: str) -> RuleSet:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from ariac_score.review.proofs.elasticity import going_on_pays
-from ariac_score.review.proofs.grades import RUNS_INPUT, Grades
+from ariac_score.review.proofs.grades import Grades
 from ariac_score.review.proofs.quantities import DURATION, TASK, VIOLATIONS, Quantity
 from ariac_score.review.proofs.subject import Subject
 from ariac_score.scoring.policy import OPEN
@@ -96,12 +96,12 @@ def nothing_left(subject: Subject) -> Argument:
 
 
 def severity(subject: Subject) -> Argument:
-    """Of every check one quantity grows with depth, and moves the score strictly."""
+    """Of every check that measures depth one quantity grows with it, and moves the score strictly."""
     falls = more_violations(subject)
     if not falls.proves:
         return falls
     return _strictly(
-        subject, "grows with depth", lambda one: one.deepens, only=frozenset(subject.world.watched)
+        subject, "grows with depth", lambda one: one.deepens, only=frozenset(subject.world.graded)
     )
 
 
@@ -216,15 +216,29 @@ def doing_nothing(subject: Subject) -> Argument:
 
 
 def running_again(subject: Subject) -> Argument:
-    """Nothing is added up over runs."""
-    if not subject.rule_set.sheet.pooled:
-        return Argument(True, ("each run is scored for itself",))
-    if RUNS_INPUT not in subject.whole.typed.signs:
-        return Argument(
-            True, ("over several runs the greatest value counts, which the same run again leaves as it is",)
-        )
+    """What counts over several runs is the greatest, of which the same number again makes no more."""
     pooled = ", ".join(subject.rule_set.sheet.pooled)
-    return Argument(False, (f"{pooled}: added up over all runs, the same run again makes it more",))
+    if not pooled:
+        return Argument(True, ("each run is scored for itself",))
+    return Argument(
+        True, (f"{pooled}: over several runs the greatest counts, which the same run again leaves as it is",)
+    )
+
+
+def standing_still(subject: Subject) -> Argument:
+    """No check about a human finds a violation of a machine at rest."""
+    missing, because = [], []
+    for check in subject.world.safety:
+        if check not in subject.world.humans:
+            continue
+        charges = subject.world.humans[check]
+        if charges is None:
+            missing.append(f"{check} does not say whether it charges a robot at rest")
+        elif charges:
+            missing.append(f"{check} charges a robot at rest")
+        else:
+            because.append(f"{check} asks whether the robot moves, and finds nothing while it does not")
+    return _argued(missing, because)
 
 
 def unknown(subject: Subject) -> Argument:
@@ -283,5 +297,6 @@ BY_TYPES: Mapping[str, Callable[[Subject], Argument]] = {
     "unknown": unknown,
     "short_pause": short_pause,
     "running_again": running_again,
+    "standing_still": standing_still,
 }
 """The laws, in the order in which they are shown."""

@@ -15,22 +15,34 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from ariac_score.checks.registry import Registry
 from ariac_score.documents.plain_file import read_plain
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import ResultError
-from ariac_score.review.laws.words import trial_in_words
 from ariac_score.review.proofs.borders import borders
-from ariac_score.review.proofs.proving import Judged, prove
+from ariac_score.review.proofs.proving import Judged, Search, pointed_search, prove
 from ariac_score.review.proofs.solver import Solver, find_solver, solver_version
-from ariac_score.review.proofs.subject import Subject, subject_of
+from ariac_score.review.proofs.subject import Subject
 
-__all__ = ["Certificate", "Difference", "Law", "certificate", "certificate_in", "certificate_json", "compare"]
+__all__ = [
+    "MOST_TRIES",
+    "Adversary",
+    "Certificate",
+    "Difference",
+    "Law",
+    "TriedLog",
+    "certificate",
+    "certificate_in",
+    "certificate_json",
+    "compare",
+]
 
 _VERSION = version("ariac-score")
 _SCHEMA = "ariac-score/certificate/1"
 _KIND = _SCHEMA.rpartition("/")[0]
 _MOST_CASES = 10_000
+MOST_TRIES = 1_000
+"""Each is a log that is written and scored."""
+
 _LARGEST_BYTES = 1_000_000
 """A certificate has some thousand characters; what is larger is none."""
 
@@ -53,8 +65,36 @@ class Law(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     verdict: str
     by: str = ""
     because: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
     declared: str = ""
     exploit: Exploit | None = None
+
+
+class TriedLog(Struct, frozen=True, forbid_unknown_fields=True):
+    """The honest log that an adversary began with.
+
+    Attributes:
+        name: Its name.
+        sha256: Of its bytes; of a folder, of the names and bytes of all files in it.
+        tries: How many doctored copies of it were scored at most, for each law that was open.
+    """
+
+    name: str
+    sha256: str
+    tries: int
+
+
+@dataclass(frozen=True)
+class Adversary:
+    """Who searches a log for exploits.
+
+    Attributes:
+        log: What it begins with.
+        search: The search.
+    """
+
+    log: TriedLog
+    search: Search
 
 
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="schema", tag=_SCHEMA):
@@ -69,6 +109,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="sc
         solver: Name and version of the solver; empty where none was installed.
         laws: Every law.
         borders: Up to where laws that exclude each other hold, each in a sentence.
+        log: The log that an adversary doctored for each law that was left open; `None`: none.
     """
 
     program: str
@@ -79,6 +120,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="sc
     solver: str
     laws: tuple[Law, ...]
     borders: tuple[str, ...] = ()
+    log: TriedLog | None = None
 
 
 @dataclass(frozen=True)
@@ -99,13 +141,30 @@ class Difference:
 
 
 def certificate(
-    subject: Subject, judged: tuple[Judged, ...], *, cases: int, seed: int, solver: Solver | None
+    subject: Subject, *, cases: int, seed: int, solver: Solver | None, adversary: Adversary | None = None
 ) -> Certificate:
-    """The certificate of what was found with a solver, or with none."""
-    laws = tuple(_law(subject, one) for one in judged)
-    name = solver_version() if solver else ""
-    known = borders(subject, solver)
-    return Certificate(_VERSION, _id(subject), subject.rule_set.sha256, cases, seed, name, laws, known)
+    """Prove every law, search what is open, and certify what was found.
+
+    Args:
+        subject: A rule set or a penalty.
+        cases: Random trials, and as many at the numbers of its formulas, for each law that is not proven.
+        seed: Where the random numbers start.
+        solver: What is asked where types do not suffice; `None` where none is installed.
+        adversary: Who searches a log for exploits of what is still open.
+    """
+    searches = [pointed_search(cases=cases, seed=seed), *([adversary.search] if adversary else [])]
+    judged = prove(subject, cases=cases, seed=seed, solver=solver, searches=searches)
+    return Certificate(
+        _VERSION,
+        _id(subject),
+        subject.rule_set.sha256,
+        cases,
+        seed,
+        solver_version() if solver else "",
+        tuple(_law(subject, one) for one in judged),
+        borders(subject, solver),
+        adversary.log if adversary else None,
+    )
 
 
 def _id(subject: Subject) -> str:
@@ -114,13 +173,15 @@ def _id(subject: Subject) -> str:
 
 def _law(subject: Subject, one: Judged) -> Law:
     exploit = None
-    if one.exploit and one.exploit.broken and one.exploit.situation:
+    if one.exploit and one.exploit.broken:
         broken = one.exploit.broken
-        trial = trial_in_words(one.exploit.situation.case, subject.rule_set.sheet.levels)
+        trial = one.exploit.trial(subject.rule_set.sheet.levels)
         exploit = Exploit(
             trial, broken.first, _rounded(broken.first_score), broken.second, _rounded(broken.second_score)
         )
-    return Law(one.law.name, one.law.says, one.verdict, one.by, one.because, one.declared, exploit)
+    return Law(
+        one.law.name, one.law.says, one.verdict, one.by, one.because, one.searched, one.declared, exploit
+    )
 
 
 def _rounded(score: float) -> float:
@@ -152,32 +213,32 @@ def certificate_in(file: Path) -> Certificate | None:
     except msgspec.ValidationError as error:
         hint = "make it again with 'ariac-score rules prove NAME -o FILE'"
         raise ResultError(f"it is no sound certificate: {error}", file=file, hint=hint) from None
-    if not 0 <= found.cases <= _MOST_CASES:
-        hint = "make it again with fewer"
-        raise ResultError(f"its {found.cases} cases are not from 0 to {_MOST_CASES}", file=file, hint=hint)
+    tries = found.log.tries if found.log else 0
+    for number, what, most in ((found.cases, "cases", _MOST_CASES), (tries, "tries", MOST_TRIES)):
+        if not 0 <= number <= most:
+            hint = "make it again with fewer"
+            raise ResultError(f"its {number} {what} are not from 0 to {most}", file=file, hint=hint)
     return found
 
 
-def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Difference]:
+def compare(found: Certificate, subject: Subject, adversary: Adversary | None = None) -> Iterator[Difference]:
     """Prove everything again, and say in what the certificate differs.
 
     Args:
         found: The certificate.
-        rules: The rule set that it should be of; empty: that which it names.
-        registry: Installed plugins.
-
-    Raises:
-        RuleSetError: There is no such rule set.
+        subject: The rule set that it should be of.
+        adversary: Who searches the log that the certificate names; `None` where that log is not here.
     """
-    subject = subject_of(rules or found.name, registry)
     if _id(subject) != found.name or subject.rule_set.sha256 != found.sha256:
         yield Difference("rule set", _another(found, subject))
         return
     if found.program != _VERSION:
         yield Difference("program", f"made by version {found.program}, checked by {_VERSION}", is_fault=False)
     solver = find_solver()
-    judged = prove(subject, cases=found.cases, seed=found.seed, solver=solver)
-    here = certificate(subject, judged, cases=found.cases, seed=found.seed, solver=solver)
+    if adversary and found.log != adversary.log:
+        yield Difference("log", _another_log(found.log, adversary.log))
+        return
+    here = certificate(subject, cases=found.cases, seed=found.seed, solver=solver, adversary=adversary)
     proven = {law.law: law for law in here.laws}
     for law in found.laws:
         other = proven.pop(law.law, None)
@@ -188,12 +249,29 @@ def compare(found: Certificate, rules: str, registry: Registry) -> Iterator[Diff
             yield Difference(law.law, words, is_fault=False, is_unchecked=True)
         elif law.verdict == "open" == other.verdict and here.solver != found.solver:
             continue  # another solver knows other numbers
+        elif found.log and not adversary and _rests_on_log(law, other):
+            words = f"not checked: searched on {found.log.name}, which is not here (--log)"
+            yield Difference(law.law, words, is_fault=False, is_unchecked=True)
         elif law != other:
             yield Difference(law.law, _differing(law, other))
     for name in proven:
         yield Difference(name, "the certificate leaves it out")
     if here.solver == found.solver and here.borders != found.borders:
         yield Difference("borders", f"they are: {'; '.join(here.borders) or 'none'}")
+
+
+def _rests_on_log(law: Law, other: Law) -> bool:
+    """Whether all else is open here, so that what the certificate says may have been found on its log."""
+    alike = (law.because, law.searched[: len(other.searched)]) == (other.because, other.searched)
+    return other.verdict == "open" and law.verdict in ("open", "refuted") and alike
+
+
+def _another_log(stated: TriedLog | None, here: TriedLog) -> str:
+    if stated is None:
+        return f"the certificate names no log, and {here.name} is given"
+    if stated.sha256 != here.sha256:
+        return f"the certificate is of {stated.name} of other bytes than {here.name}"
+    return f"the certificate names {stated.name}, and {here.name} is given"
 
 
 def _unlike_solvers(stated: str, here: str) -> str:

@@ -15,7 +15,7 @@ from functools import reduce
 from math import inf, isfinite, log
 
 from ariac_score.errors import FormulaError
-from ariac_score.review.proofs.quantities import RUNS, Quantity
+from ariac_score.review.proofs.quantities import Quantity
 from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, bare, text
 from ariac_score.scoring.signs import (
     Sign,
@@ -32,9 +32,8 @@ from ariac_score.scoring.signs import (
     truth_of,
 )
 
-__all__ = ["RUNS_INPUT", "Grade", "Grades", "Loss"]
+__all__ = ["Grade", "Grades", "Loss"]
 
-RUNS_INPUT = RUNS
 _COMPARED: Mapping[str, ast.cmpop] = {"<": ast.Lt(), "<=": ast.LtE(), "==": ast.Eq(), "!=": ast.NotEq()}
 _FLAT = frozenset({"floor", "not", "and", "or", "any", "all", "count", *_COMPARED})
 """Operations that stay the same over a stretch, and jump at its ends."""
@@ -81,32 +80,34 @@ class Grades:
     Attributes:
         pins: Quantities that are known to be one number, by name.
         nonzero: Whether the tree is taken where its value is not 0.
+        positive: Whether it is taken where its value is above 0.
         losses: Where the sign of each quantity was first lost.
     """
 
     pins: Mapping[str, float] = field(default_factory=dict)
     nonzero: bool = False
+    positive: bool = False
     losses: dict[str, Loss] = field(default_factory=dict)
     _terms: list[str] = field(default_factory=list)
     _known: dict[Node, tuple[float, float]] = field(default_factory=dict)
 
     def of(self, node: Node) -> Grade:
         """The grade of a tree."""
-        return self._of(node, self.nonzero)
+        return self._of(node, self.nonzero or self.positive, self.positive)
 
-    def _of(self, node: Node, nonzero: bool = False) -> Grade:
+    def _of(self, node: Node, nonzero: bool = False, positive: bool = False) -> Grade:
         if isinstance(node, Known):
             return Grade(constant(node.value))
         if isinstance(node, Taken):
             found = self._taken(node.quantity)
         elif isinstance(node, Term):
             self._terms.append(node.name)
-            found = self._of(node.of, nonzero)
+            found = self._of(node.of, nonzero, positive)
             self._terms.pop()
         elif isinstance(node, Each):
             found = _each(node.name, self._of(node.of))
         else:
-            found = self._op(node, nonzero)
+            found = self._op(node, nonzero, positive)
             self._note_losses(node, found)
         limits = self._known.get(bare(node))
         if limits:
@@ -121,11 +122,11 @@ class Grades:
         typed = Typed(quantity.least, quantity.most, {name: Sign.UP})
         return Grade(typed, own, frozenset() if quantity.smooth else own, {name: 1.0})
 
-    def _op(self, node: Op, nonzero: bool) -> Grade:
+    def _op(self, node: Op, nonzero: bool, positive: bool) -> Grade:
         if node.name == "if":
-            return self._if(node, nonzero)
+            return self._if(node, nonzero, positive)
         if node.name == "runs":
-            return _over_runs(self._of(node.of[0]))
+            return self._of(node.of[0], nonzero)  # laws are about a trial that was run once
         # Where a product is not 0, none of its factors is; where a quotient is not, its dividend.
         below = [nonzero and (node.name == "*" or (node.name == "/" and i == 0)) for i in range(len(node.of))]
         parts = [self._of(part, b) for part, b in zip(node.of, below, strict=True)]
@@ -139,16 +140,20 @@ class Grades:
             return _power(parts[0], parts[1])
         return _function(node.name, parts)
 
-    def _if(self, node: Op, nonzero: bool) -> Grade:
+    def _if(self, node: Op, nonzero: bool, positive: bool) -> Grade:
         test = self._of(node.of[0])
         told = truth_of(test.typed)
         if told.is_known:
-            return self._of(node.of[1 if told.least else 2], nonzero)
+            return self._of(node.of[1 if told.least else 2], nonzero, positive)
         branches = []
         for holds in (True, False):
             with self._inside():
                 self._suppose(node.of[0], holds=holds)
-                branches.append(self._tried(node.of[1 if holds else 2], nonzero))
+                branches.append(self._tried(node.of[1 if holds else 2], nonzero, positive))
+        if positive:  # a branch that is never above 0 is not the one
+            above = [branch for branch in branches if branch is None or branch.typed.most > 0]
+            if len(above) == 1 and above[0] is not None:
+                return above[0]
         body, other = branches
         typed = either(told, *(branch.typed if branch else None for branch in branches))
         if body is None or other is None:
@@ -183,9 +188,9 @@ class Grades:
                 values.append(None if found is None else found.typed)
         return all(v is not None and v.is_known for v in values) and values[0] == values[1]
 
-    def _tried(self, node: Node, nonzero: bool) -> Grade | None:
+    def _tried(self, node: Node, nonzero: bool, positive: bool = False) -> Grade | None:
         try:
-            return self._of(node, nonzero)
+            return self._of(node, nonzero, positive)
         except (FormulaError, ZeroDivisionError):
             return None
 
@@ -294,14 +299,6 @@ def _power(base: Grade, exponent: Grade) -> Grade:
         factor = inf if not isfinite(size) or (n < 1 and base.typed.least <= 0) else n * size ** (n - 1)
         return Grade(typed, _only_sure(base.strict, typed), base.jumps, _scaled(base.steep, factor))
     return Grade(typed, frozenset(), among, dict.fromkeys(among, inf))
-
-
-def _over_runs(one: Grade) -> Grade:
-    """The sum over all runs of a team: this one, and others of which nothing is known but the range."""
-    others = Typed(
-        0.0 if one.typed.least >= 0 else -inf, 0.0 if one.typed.most <= 0 else inf, {RUNS_INPUT: Sign.UP}
-    )
-    return _sum([one, Grade(others, frozenset({RUNS_INPUT}), frozenset(), {RUNS_INPUT: 1.0})])
 
 
 def _each(name: str, one: Grade) -> Grade:

@@ -14,7 +14,9 @@ from ariac_score.scoring.ruleset import rule_set_names
 __all__ = ["laws_table", "must_be_proven"]
 
 _ALWAYS = frozenset({"waiting", "unknown"})
-_OF_PENALTIES = frozenset({"more_violations", "log_rate", "short_pause"})
+_OF_PENALTIES = frozenset(
+    {"more_violations", "log_rate", "short_pause", "severity", "running_again", "standing_still"}
+)
 _MARKS = {"proven": "proven", "refuted": "**no**", "open": "?", "not_applicable": ""}
 
 
@@ -22,7 +24,8 @@ def must_be_proven(subject: Subject) -> frozenset[str]:
     """The laws that a shipped rule set may neither break nor leave open.
 
     Of every rule set that waiting changes nothing and that unknown never beats known; of one with a penalty
-    also that violations never help, whatever the log rate and however they are split.
+    also that violations never help, whatever the log rate and however they are split, that deeper ones cost
+    more, that running again changes nothing, and that who stands still is not charged for what a human does.
     """
     has_penalty = "safety_demerits" in subject.rule_set.sheet.terms.get("trial", {})
     return _ALWAYS | _OF_PENALTIES if has_penalty else _ALWAYS

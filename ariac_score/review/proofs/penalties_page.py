@@ -8,6 +8,7 @@ from pathlib import Path
 from ariac_score.checks.registry import Registry
 from ariac_score.review.laws.prices import ALL_LAWS
 from ariac_score.review.laws.reference import DEFAULT, reference_rules
+from ariac_score.review.proofs.baselines import baselines
 from ariac_score.review.proofs.proving import Judged, prove
 from ariac_score.review.proofs.solver import find_solver
 from ariac_score.review.proofs.subject import subject_of
@@ -31,7 +32,7 @@ def penalties_page(*, cases: int = 60, seed: int = 0) -> str:
         found.append((load_penalty(name, folder=Path()), judged))
     default, _ = found[0]
     head = [_INTRODUCTION, *_classes(default), _REASONS]
-    return "".join([*head, *_table(found), *_laws(), *_shipped(), *_pages(found)])
+    return "".join([*head, *_table(found), baselines(), *_laws(), *_shipped(), *_pages(found)])
 
 
 def _table(found: list[Found]) -> Iterator[str]:
@@ -92,9 +93,9 @@ def _pages(found: list[Found]) -> Iterator[str]:
 _SHIPPED = """
 ## Which shipped rule sets break a law
 
-A rule set repeats what a competition did, faults included. Those that break a law say so in their file, under
-`breaks`; `rules check` repeats it with the counter-example, and fails all the same. What is known of the
-others is in [the table of laws](laws.md). `extends` does not take `breaks` over.
+A rule set repeats what a competition did, faults included. Those that break a law say so in their file,
+under `breaks`; `rules check` repeats it with the counter-example, and fails with `--strict` alone. What is
+known of the others is in [the table of laws](laws.md). `extends` does not take `breaks` over.
 
 | rule set | law | because |
 |---|---|---|
@@ -110,7 +111,7 @@ with the checks that are charged:
 id: mine
 title: The rules of the paper with a penalised final score
 source: this page
-extends: paper2020
+extends: paper2020.published
 score: task
 include: [penalty.gated_hyperbolic]
 safety:
@@ -127,7 +128,7 @@ name itself; a plain number keeps unit and meaning of the penalty's own. `critic
 critical violations of a check from closing the gate. The hash of the rule set covers the penalty. A
 class of your own needs a weight.
 
-`ariac-score rules prove NAME` proves thirteen laws ([how](laws.md)), and for one that does not hold shows the
+`ariac-score rules prove NAME` proves fourteen laws ([how](laws.md)), and for one that does not hold shows the
 smallest exploit it finds. Findings are drawn independently of each other: an exploit shows what the formulas
 allow, not that a trial will come to it. Below is that for every penalty, on a made competition: a point for
 each part of the right type and color, two off for anything unwanted, so that what was earned can be negative;
@@ -136,26 +137,38 @@ Of the laws some exclude each other, so no penalty keeps them all. This page is 
 """
 
 _REASONS = """
-## Why the default charges time and not episodes
+## Why the default charges depth over time and not episodes
 
 The monitor catalogue suggests 1 + (integral of relative depth) / 5 s for each episode; `demerits(check,
-tau_s=5)` is that, and `paper2020` has it. It breaks a law: violating in the pause between two near misses
-makes one episode of them, and one can be cheaper than two. That cannot be mended by other numbers. Two
-instants T apart that cost 2 are part of every violation that lasts from one to the other; if more
-violations never help, one of length L costs at least 1 + (how often T fits into L), however shallow it is.
-So length must be charged at that rate, and depth cannot lower it.
+tau_s=5)` is that, and `paper2020.published` has it. It breaks a law: violating in the pause between two near
+misses makes one episode of them, and one can be cheaper than two. That cannot be mended by other numbers: two
+instants T apart are part of every violation that lasts from one to the other, so what is charged for
+each of them has to be charged again for every T that the longer one lasts.
 
-`charged(…)` is the smooth charge of that kind: the time in violation together with the 5 s after it,
-divided by 5 s. One violation of length L costs its weight times 1 + L / 5 s; two at least 5 s apart cost
-what each costs alone; between nearer ones the time they share is charged once. At each moment the heaviest
-violation of a pair of bodies counts and no other, so that one physical event is charged once, whichever
-monitors saw it. Adding violations can only add to the time that is covered; a pause shorter than 5 s is
-covered anyway; an end that moves by a sample moves the charge by a sample / 5 s. What is deeper than a
-breach of separation, a contact say, is a check of its own in a heavier class.
+`charged(…)` does so for every depth. At each moment a violation presses with its weight times its relative
+depth, to the power of `severity`; what has no depth, such as a contact, is as deep as can be. What counts
+is the most that pressed on a pair of bodies in the last T = 5 s, over time, divided by T. From that
+follows:
+
+- Doing more, longer or deeper never costs less: there are no episodes to be merged or split.
+- One rise and fall costs its peak plus its integral / T: at one depth, weight times depth times 1 + length
+  / T.
+- Two that are at least T apart cost what each costs alone; nearer ones never more than that.
+- What lies between two that are at least as deep, and at most T apart, changes nothing; so a stored profile
+  of depth has its valleys of up to 1 s filled, and a T below 1 s is refused.
+- A little deeper or longer costs a little more. The one step left is the first sample: an instant costs its
+  depth at once. So depth counts beyond the stated error of a distance (`distance_error_m`), and one bad
+  sample within it is no violation.
+- What happens in the shadow of something heavier is free: one event is charged once, whichever monitors saw
+  it.
+
+Of several runs the worst counts. Nothing else leaves a team where it is when it repeats a run, and never
+lets another run help: a sum breaks the one, a mean the other.
 
 Negative points are mirrored, earned * (2 - gate * multiplier), because dividing them would make violations
 a gift. The gate has no threshold on demerits: it would make it pay to stop just before. A critical
-violation costs everything at once, in the first piece of work as in any other.
+violation costs everything at once, in the first piece of work as in any other; teams that it leaves
+at 0 are separated by their demerits.
 
 ## Which penalty keeps which law
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ariac_score.review.laws.laws import Law
+from ariac_score.review.laws.pointed import pointed_draw
 from ariac_score.review.laws.prices import ALL_LAWS
-from ariac_score.review.laws.proving import MOST_STEPS, Outcome, check_laws
+from ariac_score.review.laws.proving import MOST_STEPS, Draw, Outcome, any_draw, check_laws
 from ariac_score.review.proofs.by_types import BY_TYPES, Argument
 from ariac_score.review.proofs.solver import BY_SOLVER, OutsideError, Solver
 from ariac_score.review.proofs.subject import Subject
@@ -34,8 +35,18 @@ REFUTED: Verdict = "refuted"
 
 MISSING = "z3, which may know, is not installed: pip install 'ariac-score[prove]'"
 
-Search = Callable[[Subject, Law], Outcome | None]
-"""Something that looks for an exploit of a law: a counter-example, or `None` where it found none."""
+
+@dataclass(frozen=True)
+class Search:
+    """Something that looks for an exploit of a law.
+
+    Attributes:
+        where: What it tries, behind a number: "random trials".
+        look: Looks for one: the counter-example, or what was tried; `None` where it cannot try the law.
+    """
+
+    where: str
+    look: Callable[[Subject, Law], Outcome | None]
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,7 @@ class Judged:
         verdict: `proven`, `refuted`, `open`, or `not_applicable`.
         by: What decided it: `types`, `solver` or `search`; empty for what is open.
         because: The steps of the proof, what is not known, or why it does not apply.
+        searched: What was tried in vain, with its number.
         exploit: The counter-example, priced by the engine.
         declared: Why the rule set says itself that it does not keep the law; empty when it does not.
     """
@@ -55,6 +67,7 @@ class Judged:
     verdict: Verdict
     by: str = ""
     because: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
     exploit: Outcome | None = None
     declared: str = ""
 
@@ -66,8 +79,16 @@ def law_named(name: str) -> Law:
 
 def random_search(*, cases: int, seed: int, steps: int = MOST_STEPS) -> Search:
     """A search among random trials; the same seed tries the same ones, and what is found is reduced."""
+    return _made("random trials", any_draw, cases=cases, seed=seed, steps=steps)
 
-    def search(subject: Subject, law: Law) -> Outcome | None:
+
+def pointed_search(*, cases: int, seed: int, steps: int = MOST_STEPS) -> Search:
+    """A search among trials made of the numbers that the rules themselves name, and of those beside them."""
+    return _made("trials at the numbers of its formulas", pointed_draw, cases=cases, seed=seed, steps=steps)
+
+
+def _made(where: str, draw: Draw, *, cases: int, seed: int, steps: int) -> Search:
+    def look(subject: Subject, law: Law) -> Outcome | None:
         world = subject.world
         (outcome,) = check_laws(
             subject.rule_set,
@@ -75,12 +96,15 @@ def random_search(*, cases: int, seed: int, steps: int = MOST_STEPS) -> Search:
             seed=seed,
             events=world.events,
             bridged=world.bridged,
+            ungraded=world.ungraded,
+            humans=world.humans,
             only=[law.name],
             steps=steps,
+            draw=draw,
         )
-        return outcome if outcome.broken else None
+        return outcome if outcome.cases else None
 
-    return search
+    return Search(where, look)
 
 
 def prove(
@@ -116,10 +140,15 @@ def _judged(subject: Subject, law: Law, solver: Solver | None, searches: Iterabl
         argument, by = _asked(subject, law, solver, argument), "solver"
     if argument.proves:
         return Judged(law, PROVEN, by, argument.because, declared=declared)
+    searched: list[str] = []
     for search in searches:
-        if exploit := search(subject, law):
-            return Judged(law, REFUTED, "search", argument.because, exploit, declared)
-    return Judged(law, "open", because=argument.because, declared=declared)
+        found = search.look(subject, law)
+        if found and found.broken:
+            because, tried = argument.because, tuple(searched)
+            return Judged(law, REFUTED, "search", because, tried, exploit=found, declared=declared)
+        if found and found.cases:
+            searched.append(f"{found.cases} {search.where}")
+    return Judged(law, "open", "", argument.because, tuple(searched), declared=declared)
 
 
 def _asked(subject: Subject, law: Law, solver: Solver | None, argument: Argument) -> Argument:

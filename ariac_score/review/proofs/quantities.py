@@ -13,14 +13,13 @@ from math import inf
 
 from ariac_score.scoring.expression import Number
 
-__all__ = ["DURATION", "FACT", "RUNS", "TASK", "TEAMS", "VIOLATIONS", "Quantity", "of_monitor", "of_rule"]
+__all__ = ["DURATION", "FACT", "TASK", "TEAMS", "VIOLATIONS", "Quantity", "of_monitor", "of_rule"]
 
 VIOLATIONS = "violations"
 TASK = "task"
 FACT = "fact"
 DURATION = "duration"
 TEAMS = "other teams"
-RUNS = "further runs"
 
 JOINING = "violating in the pause between two makes one of them"
 UNKNOWN = "nothing says which way it goes with violations"
@@ -32,7 +31,7 @@ class Quantity:
 
     Attributes:
         name: As a formula has it, such as `seconds(separation)`.
-        of: What it is about: violations, the task, a fact, the duration, other teams, further runs.
+        of: What it is about: violations, the task, a fact, the duration, other teams.
         least: It is never less.
         most: It is never more.
         checks: The checks it is of.
@@ -40,7 +39,7 @@ class Quantity:
         why_not: Why it does not grow, in words.
         always: Whether it grows with every further violation.
         apart: Whether it grows with every further violation that is long after the others.
-        deepens: Whether it grows with depth.
+        deepens: Whether it grows with the depth of a violation that is apart from others.
         smooth: Whether a small change of a violation's length or depth changes it by little.
         bridged: Whether a pause that is shorter than what its monitor bridges leaves it as it is.
         adds: Whether pieces of work with the same violations each give it the same each.
@@ -123,17 +122,26 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
 
 
 def of_charge(
-    weights: Mapping[str, Number], *, label: str, again_after_s: float, longest_pause_s: float
+    weights: Mapping[str, Number],
+    *,
+    label: str,
+    again_after_s: float,
+    severity: float,
+    longest_pause_s: float,
 ) -> Quantity:
     """What violations of several checks cost, one event once.
 
-    It grows with the time that is violated, as that time with what follows it does, and continuously. It does
-    not grow with every violation: what happens beside something heavier is free.
+    It is the integral of the most that pressed in the last `again_after_s`, which never falls where nothing
+    presses less. It does not grow with every violation: what happens beside something heavier is free. Of one
+    rise and fall it is the peak and the integral, so that of a violation alone it grows with depth. It moves
+    by at most as much as the depth does anywhere, times the time charged; below the first power the depth
+    itself is steep at 0.
 
     Args:
         weights: By check.
         label: How a formula has it.
         again_after_s: So long after its end a violation is charged.
+        severity: Power of the relative depth.
         longest_pause_s: The longest pause that one of the monitors bridges.
     """
     return Quantity(
@@ -141,7 +149,8 @@ def of_charge(
         VIOLATIONS,
         checks=tuple(weights),
         apart=True,
-        smooth=True,
+        deepens=severity > 0,
+        smooth=severity == 0 or severity >= 1,
         bridged=again_after_s >= longest_pause_s,
         adds=True,
     )

@@ -20,14 +20,13 @@ from typing import Any
 
 from ariac_score.review.proofs.elasticity import adds_up
 from ariac_score.review.proofs.grades import Grade, Grades
-from ariac_score.review.proofs.quantities import DURATION, FACT, VIOLATIONS, Quantity
+from ariac_score.review.proofs.quantities import DURATION, VIOLATIONS, Quantity
 from ariac_score.review.proofs.subject import Subject
 from ariac_score.review.proofs.tree import Known, Node, Op, Taken, Term, bare, inputs_of, text
 from ariac_score.scoring.signs import Sign, Typed
 
 __all__ = ["BY_SOLVER", "Answer", "Solver", "find_solver", "score_with", "solver_version"]
 
-_OTHER_RUNS = Taken(Quantity("further runs", FACT))
 _STEPS = 4_000_000
 """Of the solver, for one question; most take some thousand."""
 
@@ -224,8 +223,8 @@ class _Trial:
             best, worst, hi, lo, x = parts
             between = worst + (hi - x) / (hi - lo) * (best - worst) if node.of[2] != node.of[3] else worst
             return z3.If(x >= hi, worst, z3.If(x <= lo, best, between))
-        if node.name == "runs":  # the others are what they are
-            return parts[0] + self._shared(_OTHER_RUNS, Typed(0, inf))
+        if node.name == "runs":  # laws are about a trial that was run once
+            return parts[0]
         return None
 
     def repeat(self, subject: Subject, count: Any) -> None:

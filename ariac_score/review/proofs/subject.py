@@ -9,8 +9,8 @@ from functools import cached_property
 from ariac_score.checks.measures import Measure, measures_of
 from ariac_score.checks.registry import Registry
 from ariac_score.review.laws.cases import World
-from ariac_score.review.laws.proving import bridged_pauses, event_checks
-from ariac_score.review.laws.reference import REFERENCE_EVENTS, reference_rules
+from ariac_score.review.laws.proving import about_humans, bridged_pauses, event_checks, ungraded_checks
+from ariac_score.review.laws.reference import REFERENCE_EVENTS, REFERENCE_UNGRADED, reference_rules
 from ariac_score.review.proofs.grades import Grade, Grades
 from ariac_score.review.proofs.quantities import TASK, VIOLATIONS, Quantity
 from ariac_score.review.proofs.tree import Term, inputs_of, trees
@@ -53,8 +53,8 @@ class Subject:
 
     @cached_property
     def alive(self) -> Grade:
-        """What is known of it where it is not 0."""
-        return Grades(nonzero=True).of(self.tree)
+        """What is known of it where it is above 0."""
+        return Grades(positive=True).of(self.tree)
 
     @cached_property
     def quantities(self) -> Mapping[str, Quantity]:
@@ -97,7 +97,7 @@ def subject_of(name: str, registry: Registry) -> Subject:
         PluginError: A plugin of the rule set is not installed or broken.
     """
     if name in penalty_names() or name.startswith("penalty."):
-        world = World(reference_rules(name), REFERENCE_EVENTS)
+        world = World(reference_rules(name), REFERENCE_EVENTS, ungraded=REFERENCE_UNGRADED)
         return _subject(name, world, {}, is_penalty=True)
     return subject_of_rules(load_rule_set(name), registry, name)
 
@@ -109,7 +109,13 @@ def subject_of_rules(rule_set: RuleSet, registry: Registry, name: str = "") -> S
         PluginError: A plugin of the rule set is not installed or broken.
     """
     measures = {check: measures_of(built) for check, built in rule_set.build(registry).items()}
-    world = World(rule_set, event_checks(rule_set, registry), bridged_pauses(rule_set, registry))
+    world = World(
+        rule_set,
+        event_checks(rule_set, registry),
+        bridged_pauses(rule_set, registry),
+        ungraded_checks(rule_set, registry),
+        about_humans(rule_set, registry),
+    )
     return _subject(name or rule_set.id, world, measures)
 
 

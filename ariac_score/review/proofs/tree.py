@@ -282,12 +282,13 @@ class _Growing:
         weights = {
             str(k.arg): self.grower.number(self.formula.part(k.value))
             for k in node.keywords
-            if k.arg != "again_after_s"
+            if k.arg not in ("again_after_s", "severity")
         }
         again_after_s = self._option(node, "again_after_s", AGAIN_AFTER_S)
+        severity = self._option(node, "severity", 1.0)
         label = f"charged({', '.join(weights)})"
         known = {check: weight for check, weight in weights.items() if weight is not None}
-        if again_after_s is None or len(known) < len(weights):
+        if again_after_s is None or severity is None or len(known) < len(weights):
             why = "its weights hang on the trial"
             return Taken(Quantity(label, VIOLATIONS, 0, inf, tuple(weights), grows=False, why_not=why))
         charged = {check: weight for check, weight in known.items() if weight}
@@ -296,7 +297,11 @@ class _Growing:
         pauses = [self.grower.bridged.get(check, 1.0) for check in charged if check not in self.grower.events]
         return Taken(
             of_charge(
-                charged, label=label, again_after_s=again_after_s, longest_pause_s=max(pauses, default=0.0)
+                charged,
+                label=label,
+                again_after_s=again_after_s,
+                severity=severity,
+                longest_pause_s=max(pauses, default=0.0),
             )
         )
 

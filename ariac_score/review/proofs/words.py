@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ariac_score.review.laws.words import numbers_apart, trial_in_words
+from ariac_score.review.laws.words import numbers_apart
 from ariac_score.review.proofs.proving import PROVEN, Judged
 
 __all__ = ["exploit_in_words", "judged_lines"]
@@ -25,9 +25,9 @@ def judged_lines(judged: Judged, levels: Sequence[str]) -> Iterator[str]:
         missing = "it is proven all the same" if judged.verdict == PROVEN else "no counter-example was found"
         found = "" if judged.exploit else f"; {missing}"
         yield f"    the rule set says so itself: {judged.declared}{found}"
-    if judged.exploit and judged.exploit.broken and judged.exploit.situation:
+    if judged.exploit and judged.exploit.broken:
         broken = judged.exploit.broken
-        yield f"    {trial_in_words(judged.exploit.situation.case, levels)}"
+        yield f"    {judged.exploit.trial(levels)}"
         first, second = numbers_apart(broken.first_score, broken.second_score)
         yield f"    {first}  {broken.first}"
         yield f"    {second}  {broken.second}"
@@ -35,9 +35,9 @@ def judged_lines(judged: Judged, levels: Sequence[str]) -> Iterator[str]:
 
 def exploit_in_words(judged: Judged, levels: Sequence[str]) -> str:
     """What a team can do where a law is refuted, in a sentence; empty where nothing is known."""
-    if not (judged.exploit and judged.exploit.broken and judged.exploit.situation):
+    if not (judged.exploit and judged.exploit.broken):
         return ""
     broken = judged.exploit.broken
     first, second = (number.strip() for number in numbers_apart(broken.first_score, broken.second_score))
-    trial = trial_in_words(judged.exploit.situation.case, levels)
+    trial = judged.exploit.trial(levels)
     return f"{trial}; {broken.first}: {first}; {broken.second}: {second}"

@@ -156,7 +156,7 @@ class Speaker:
         if first == "cohort":
             return f"the mean of {quoted(rest)} over all teams"
         if first == "runs":
-            return f"{quoted(rest)} of all runs of the team together"
+            return f"the greatest {quoted(rest)} of all runs of the team"
         return f"{quoted(rest)} of the {self.words.one(first)}" if dot else quoted(first)
 
     # Functions -------------------------------------------------------------------------
@@ -227,8 +227,11 @@ class Speaker:
             for key in node.keywords
             if key.arg in self.checks
         )
-        again = options.get("again_after_s", "5 s")
-        return f"what violations cost, what happens at one time once (for each {again}: {weights})"
+        again, severity = options.get("again_after_s", "5 s"), options.get("severity", "1")
+        return (
+            "what violations cost, what happens at one time once (over time the most of weight times "
+            f"relative depth to the power of {severity} within {again}, divided by that time: {weights})"
+        )
 
     def _level(self, node: ast.expr) -> str:
         """The level that an aggregate is over: that of the names inside it."""
