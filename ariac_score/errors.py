@@ -16,6 +16,7 @@
     ├── LogError                    6  a log cannot be read as a trial
     │   ├── NothingToScoreError     5  the path is missing, empty or not a trial log at all
     │   │   └── RunEndedError       5  the official text says that the run crashed or was cancelled
+    │   ├── LiveError               5  a system to be watched cannot be reached, or is something else
     │   ├── CutOffError             6  a log ends before its end, as when its recorder was killed
     │   ├── ContradictionError      6  two files state one fact of a trial differently
     │   ├── OtherUnitError          6  a number of an event is in another unit than a check asks for
@@ -39,6 +40,7 @@ __all__ = [
     "CutOffError",
     "DataFileError",
     "FormulaError",
+    "LiveError",
     "LocalPluginError",
     "LogError",
     "LogMapError",
@@ -201,6 +203,12 @@ class NothingToScoreError(LogError):
     exit_code = 5
 
 
+class LiveError(LogError):
+    """A system that is to be watched cannot be reached, or what answers there is something else."""
+
+    exit_code = 5
+
+
 class RunEndedError(NothingToScoreError):
     """The official text says that the run ended without a score; `outcome` is how."""
 
@@ -279,6 +287,19 @@ class NoResultError(ResultError):
 
 
 class BatchError(ScoreError):
-    """A batch could not be finished; what it has done is kept, and a second call goes on."""
+    """A batch could not be finished; what it has done is kept, and a second call goes on.
+
+    Attributes:
+        name: Of the wait that was given up, such as `no_workers`; empty where nothing was waited for.
+    """
 
     exit_code = 7
+    name = ""
+
+    def named(self, name: str) -> BatchError:
+        """The same, of a wait that was given up."""
+        self.name = name
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.name}: {super().__str__()}" if self.name else super().__str__()

@@ -17,6 +17,7 @@ import json
 import os
 import random
 import re
+import runpy
 import shutil
 import signal
 import subprocess
@@ -40,6 +41,7 @@ BASE = "paper2020"
 LOG = "log.jsonl"
 EVERY = 5  # samples of the made trial that are kept: it is still decided
 TROUBLE = Path(__file__).with_name("trouble.py")
+FILES = Path(__file__).with_name("broken_files.py")
 MEMORY_MB = 1024
 OUTPUT_MB = 1
 
@@ -132,6 +134,7 @@ def _died(how: str, times: int = 2) -> tuple[str, str]:
     return "killed", f"the process that scored it ended {how}, {times} times in {times} times"
 
 
+_CHANGING = ("changing", "its files changed while they were read")
 _MAY_READ_ALL = os.geteuid() == 0
 _LATE = ("timed_out", "raise --time-limit-s")
 _UNKNOWN = ("nothing_to_score", f"not recognised: {LOG}")
@@ -165,6 +168,19 @@ BROKEN: Mapping[str, Way] = {
     "kills its own process": Way(_asking_for("kills"), *_died("by signal 9 (SIGKILL)", 12)),
     "leaves without a word": Way(_asking_for("leaves"), *_died("with exit code 0")),
     "raises": Way(_asking_for("raises"), "plugin_failed", "season.trouble"),
+    "forks": Way(_asking_for("forks"), "scored", ""),
+    "exits": Way(_asking_for("exits"), "plugin_failed", "SystemExit"),
+    "interrupts": Way(_asking_for("interrupts"), "plugin_failed", "KeyboardInterrupt"),
+    "recurses": Way(_asking_for("recurses"), "plugin_failed", "RecursionError"),
+    "closes all files": Way(_asking_for("closes"), "plugin_failed", "Bad file descriptor"),
+    "changes the folder": Way(_asking_for("moves"), "plugin_failed", ""),
+    "writes without end": Way(_asking_for("fills"), "plugin_failed", ""),
+    "leaves threads": Way(_asking_for("threads"), "scored", ""),
+    "grows while it is scored": Way(_asking_for("grows"), *_CHANGING),
+    "shrinks while it is scored": Way(_asking_for("shrinks"), *_CHANGING),
+    "vanishes while it is scored": Way(_asking_for("vanishes"), *_CHANGING),
+    "changes while it is scored": Way(_asking_for("swaps"), *_CHANGING),
+    **{name: Way(*way) for name, way in runpy.run_path(str(FILES))["BROKEN_FILES"].items()},
 }
 
 
@@ -221,11 +237,16 @@ def make_season(folder: Path, count: int, every: int, ways: Sequence[str], time_
 
 
 @contextmanager
-def _surroundings(work: Path, plugins: Path) -> Iterator[None]:
+def surroundings(work: Path, season: Season) -> Iterator[None]:
     """Every process finds the plugin; what killed ones leave behind lies where it is cleared away."""
     before = dict(os.environ)
-    path = os.pathsep.join(filter(None, [str(plugins), before.get("PYTHONPATH", "")]))
-    os.environ.update(PYTHONPATH=path, TMPDIR=str(work / "tmp"), XDG_CACHE_HOME=str(work / "cache"))
+    path = os.pathsep.join(filter(None, [str(season.plugins), before.get("PYTHONPATH", "")]))
+    os.environ.update(
+        PYTHONPATH=path,
+        TMPDIR=str(work / "tmp"),
+        XDG_CACHE_HOME=str(work / "cache"),
+        SEASON_RUNS=str(season.runs),
+    )
     (work / "tmp").mkdir()
     try:
         yield
@@ -298,25 +319,25 @@ Hunt = Callable[[int], _Prey]
 
 
 def disturbed(
-    command: Sequence[str], out: Path, prey: Hunt, kills: int, supervisor_kills: int, seed: int, runs: int
+    command: Sequence[str], out: Path, prey: Hunt, told: argparse.Namespace
 ) -> tuple[Counter[str], int]:
     """Score while processes are killed; returns how many of what were, and how many calls it took."""
-    chance, killed, calls = random.Random(seed), Counter[str](), 0  # noqa: S311  # no secret
-    known, hurry = -1, min(1.0, runs / 50)
+    chance, killed, calls = random.Random(told.seed), Counter[str](), 0  # noqa: S311  # no secret
+    known, life_s = -1, told.supervisor_lives_s * min(1.0, told.trials / 50)
     while True:
         calls += 1
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, **quiet) as supervisor:  # type: ignore[call-overload]
-            patience = time.monotonic() + chance.uniform(6.0, 12.0) * hurry
+            patience = time.monotonic() + chance.uniform(0.5, 1.5) * life_s
             while supervisor.poll() is None:
                 time.sleep(chance.uniform(0.02, 0.15))
                 progress = _size(out / ".rows.jsonl")
-                if killed.total() < kills and progress != known:  # one finished: spread out
+                if killed.total() < told.kills and progress != known:  # one finished: spread out
                     hit = prey(supervisor.pid).one(chance)
                     if hit is not None and _kill(hit[1]):
                         killed[hit[0]] += 1
                         known = progress
-                if calls <= supervisor_kills and time.monotonic() > patience:
+                if calls <= told.supervisor_kills and time.monotonic() > patience:
                     supervisor.kill()
             if supervisor.returncode != -signal.SIGKILL:
                 return killed, calls
@@ -410,6 +431,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--trials", type=int, default=500)
     parser.add_argument("--kills", type=int, default=200, help="processes that are killed at random")
     parser.add_argument("--supervisor-kills", type=int, default=3)
+    parser.add_argument(
+        "--supervisor-lives-s", type=float, default=9.0, help="on average, of those that are killed"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-j", "--jobs", type=int, default=2)
     parser.add_argument("--executor", choices=PLACES, nargs="+", default=["local"])
@@ -422,7 +446,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     ways = len(set(season.broken.values()))
     print(f"{told.trials} runs, {len(season.broken)} of them broken in {ways} ways", flush=True)
     try:
-        with _surroundings(work, season.plugins):
+        with surroundings(work, season):
             failed = _undisturbed(season, work, told)
             return failed or max(_disturbed(season, work, told, place) for place in told.executor)
     finally:
@@ -457,10 +481,7 @@ def _disturbed(season: Season, work: Path, told: argparse.Namespace, place: str)
             season.command(out, told.jobs, place, scheduler),
             out,
             prey,
-            told.kills,
-            told.supervisor_kills,
-            told.seed,
-            told.trials,
+            told,
         )
     whom = ", ".join(f"{count} {kind}" for kind, count in sorted(killed.items()))
     taken_s = time.perf_counter() - begun

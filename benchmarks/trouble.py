@@ -11,7 +11,9 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from threading import Event
+from pathlib import Path
+from tempfile import TemporaryFile
+from threading import Event, Thread
 from types import MappingProxyType
 
 import numpy as np
@@ -79,6 +81,78 @@ def _raises() -> str:
     raise RuntimeError("no idea what to do")
 
 
+def _forks() -> str:
+    for _ in range(8):
+        if os.fork() == 0:
+            return "a copy"
+    return "there were copies"
+
+
+def _exits() -> str:
+    raise SystemExit(0)
+
+
+def _interrupts() -> str:
+    raise KeyboardInterrupt
+
+
+def _recurses() -> str:
+    return _recurses() + "."
+
+
+def _closes() -> str:
+    os.closerange(0, 1024)
+    return "all files are closed"
+
+
+def _moves() -> str:
+    os.chdir("/")
+    return "elsewhere"
+
+
+def _fills() -> str:
+    with TemporaryFile() as out:
+        while True:
+            out.write(bytes(_PIECE))
+
+
+def _threads() -> str:
+    for _ in range(2):
+        Thread(target=Event().wait, daemon=True).start()
+    return "threads are left"
+
+
+def _grows() -> str:
+    """The log grows while it is scored."""
+    return _rewritten(lambda text: text + "\n")
+
+
+def _shrinks() -> str:
+    return _rewritten(lambda text: text[: len(text) // 2], back=True)
+
+
+def _vanishes() -> str:
+    return _rewritten(lambda _text: "", back=True, gone=True)
+
+
+def _swaps() -> str:
+    return _rewritten(lambda text: text.replace("1", "2"), back=True)
+
+
+def _rewritten(change: Callable[[str], str], *, back: bool = False, gone: bool = False) -> str:
+    number = int(_NOW[0].partition(".")[0].removeprefix("t_"))
+    log = Path(os.environ["SEASON_RUNS"], f"t_{number:05d}", "log.jsonl")
+    text = log.read_text(encoding="utf-8")
+    if gone:
+        log.unlink()
+    log.write_text(change(text), encoding="utf-8")
+    if back:  # so that every attempt finds the same
+        log.write_text(text, encoding="utf-8")
+    return "another file"
+
+
+_NOW = [""]
+
 WAYS: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
     {
         "hangs": _hangs,
@@ -93,6 +167,18 @@ WAYS: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
         "kills": _kills,
         "leaves": _leaves,
         "raises": _raises,
+        "forks": _forks,
+        "exits": _exits,
+        "interrupts": _interrupts,
+        "recurses": _recurses,
+        "closes": _closes,
+        "moves": _moves,
+        "fills": _fills,
+        "threads": _threads,
+        "grows": _grows,
+        "shrinks": _shrinks,
+        "vanishes": _vanishes,
+        "swaps": _swaps,
     }
 )
 
@@ -115,5 +201,6 @@ class Trouble:
 
     def watch(self, trial: Trial) -> Iterator[Finding]:
         """The fault that the id names, or nothing of the kind."""
+        _NOW[0] = trial.id
         fault = WAYS.get(trial.id.rpartition(".")[2], lambda: "nothing of the kind")
         yield Finding.satisfied("trial", fault())

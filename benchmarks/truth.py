@@ -343,7 +343,10 @@ def main() -> int:
     gained = sum(one.robbed > one.least + ROUNDING for one in found)
     print(table(found), end="")
     print(f"{len(found)} trials, {len(failed)} fail{': ' + str(failed[:20]) if failed else ''}")
-    print(f"{gained} adversaries raised the end that counts above that of the honest recording")
+    print(f"bounded: {gained} adversaries raised the end that counts above that of the honest recording")
+    held = {one.seed: one.gained_held for one in found if one.gained_held > ROUNDING}
+    named = "".join(f", {seed}: {points:.3f}" for seed, points in sorted(held.items()))
+    print(f"held: {len(held)} adversaries raised it{named}")
     return 1 if failed else 0
 
 

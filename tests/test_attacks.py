@@ -110,6 +110,15 @@ def example(folder: Path) -> Copy:
     return recording(folder, kitting_trial())
 
 
+def twice_seen(folder: Path) -> Copy:
+    """The example with robot and human as frames as well, every other one of them."""
+    frames = Copy.of(
+        write_bag(folder / "frames.mcap", recorded_messages(kitting_trial(), motion="frames"), storage="mcap")
+    )
+    number = count()
+    return example(folder).with_more(m for m in frames.of_topic("/tf") if next(number) % 4 < 2)
+
+
 def of_two_publishers(folder: Path) -> Copy:
     return recording(folder, kitting_trial(), storage="ros1")
 
@@ -431,6 +440,15 @@ ATTACKS = (
         "1.458333",
         "a chain of frames is seen when its slowest is",
     ),
+    Attack(
+        "all snapshots left out, so that frames at 50 Hz stand in for them",
+        twice_seen,
+        left_out(of(SNAPSHOT)),
+        HONEST,
+        MISSING,
+        MANIFEST,
+        ATTESTED,
+    ),
     # Put in, or changed.
     Attack(
         "a second publisher says that all is well",
@@ -559,12 +577,14 @@ class Desk:
 
     def _rules(self, more: str) -> str:
         if not more:
-            return "paper2020"
+            return "paper2020.published"
         no_rate = self.folder / "no_rate.yaml"
         no_rate.write_text(LOG_MAP.read_text("utf-8").replace("    rate_hz: 100", "    #"), encoding="utf-8")
         rules = self.folder / "rules.yaml"
         text = more.replace("KEY", f"'{self.key}'").replace("NO_RATE", str(no_rate))
-        rules.write_text(f"extends: paper2020\nid: ours\ntitle: Ours\nsource: here\n{text}", encoding="utf-8")
+        rules.write_text(
+            f"extends: paper2020.published\nid: ours\ntitle: Ours\nsource: here\n{text}", encoding="utf-8"
+        )
         return str(rules)
 
     def attested(self, copy: Copy) -> Copy:

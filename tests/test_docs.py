@@ -82,7 +82,7 @@ def test_the_python_example_of_the_readme_runs(
 
     exec(compile(example, "README.md", "exec"), {})  # noqa: S102  # our own text
 
-    assert capsys.readouterr().out.startswith("19.761677\nviolated Span(start_s=18.81, end_s=21.21)")
+    assert capsys.readouterr().out.startswith("25.760398\nviolated Span(start_s=18.81, end_s=21.21)")
 
 
 def test_the_rule_set_of_its_page_is_sound(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_the_action_of_its_page_is_green_for_a_good_trial(tmp_path: Path) -> Non
 
     assert set(codes.values()) == {0}
     assert list(codes) == [s["name"] for s in _steps() if "run" in s and s["name"] not in OURS]
-    assert (tmp_path / "summary.md").read_text().startswith("## score 19.761677 of 36 possible")
+    assert (tmp_path / "summary.md").read_text().startswith("## score 25.760398 of 36 possible")
     assert json.loads((tmp_path / "result.sarif").read_text())["version"] == "2.1.0"
     for name in ("junit.xml", "annotations.mcap"):
         assert (tmp_path / name).stat().st_size > 0
@@ -162,3 +162,8 @@ def test_the_page_lists_every_step_of_verifying() -> None:
 
     for name in set(re.findall(r'Step\(\s*"(\w+)"', source)):
         assert re.search(rf"^\| `{name}` \|", _page("stewards.md"), re.MULTILINE), name
+
+    source = (ROOT / "ariac_score/review/verify_ranking.py").read_text(encoding="utf-8")
+    (of_rankings,) = re.findall(r"^Of a ranking .*?(?=^#|\Z)", _page("stewards.md"), re.MULTILINE | re.DOTALL)
+    for name in set(re.findall(r'Step\(\s*"(\w+)"', source)):
+        assert f"`{name}`" in of_rankings, name

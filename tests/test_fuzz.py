@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import sys
 import zipfile
 from itertools import islice
@@ -52,7 +53,7 @@ def test_a_target_keeps_its_word_on_seeds_and_mutations(name: str) -> None:
     corpus = seeds(name)
     for raw in (b"", b"\0", b"\xff" * 100, *corpus):
         target(name).once(raw)
-    for raw in islice(mutations(corpus, target(name).words, seed=20), MUTATIONS):
+    for raw in islice(mutations(corpus, target(name).words, seed=20, name=name), MUTATIONS):
         target(name).once(raw)
 
 
@@ -80,3 +81,35 @@ def test_mutations_repeat_themselves_with_their_seed() -> None:
 
     first, again, other = (list(islice(mutations([b"abc" * 9], [b"zz"], seed=s), 50)) for s in (1, 1, 2))
     assert first == again != other
+
+
+def test_a_change_in_the_format_changes_it_and_leaves_it_in_form() -> None:
+    from fuzz.structures import WAYS, mcap_records, structured  # noqa: PLC0415  # found at the root
+
+    assert set(WAYS) == set(NAMES) - {"columnar", "wide_text"}  # those two are programs: whole in any form
+    for name in sorted(WAYS):
+        chance = random.Random(5)  # noqa: S311  # made to be repeated
+        made = [(raw, structured(name, raw, chance)) for raw in seeds(name) * 20]
+        changed = [after for before, after in made if after is not None and after != before]
+        assert len(changed) > len(made) / 4, name
+    whole = [seed for seed in seeds("mcap_scan") for _ in range(20)]
+    chance = random.Random(6)  # noqa: S311  # likewise
+    for raw in filter(None, (structured("mcap_scan", seed, chance) for seed in whole)):
+        records = mcap_records(raw[8:])
+        read = 8 + sum(9 + len(body) for _, body in records)
+        assert len(raw) - read in (0, 8)  # every length is right; the closing magic may be gone
+
+
+def test_a_file_that_a_library_reads_otherwise_is_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fuzz import peers  # noqa: PLC0415  # found at the root
+
+    whole = seeds("mcap_peer")[0]
+    peers.mcap_with_peer(tmp_path, whole)
+    theirs = peers._of_mcap(whole)
+    assert theirs
+    assert peers._ours(peers.McapScan(tmp_path / "log.mcap")) == theirs
+    monkeypatch.setattr(peers, "_of_mcap", lambda _: [*theirs[:-1], ("/small", 1, b"")])
+    with pytest.raises(AssertionError):
+        peers.mcap_with_peer(tmp_path, whole)

@@ -78,7 +78,7 @@ DOCTORED: dict[str, Callable[[Records], Records | None]] = {
 
 @pytest.mark.parametrize("name", DOCTORED)
 def test_a_doctored_log_never_scores_more_than_the_honest_one(name: str, tmp_path: Path) -> None:
-    result = score_trial(_doctored(tmp_path, DOCTORED[name]), "paper2020")
+    result = score_trial(_doctored(tmp_path, DOCTORED[name]), "paper2020.published")
 
     assert result.score is None or float(result.score) <= HONEST
 
@@ -87,7 +87,7 @@ def test_a_doctored_log_never_scores_more_than_the_honest_one(name: str, tmp_pat
 def test_a_log_that_shows_only_one_end_of_the_competition_leaves_the_whole_task_open(
     lost: str, tmp_path: Path
 ) -> None:
-    result = score_trial(_doctored(tmp_path, _without(lost)), "paper2020")
+    result = score_trial(_doctored(tmp_path, _without(lost)), "paper2020.published")
 
     # At worst somebody was hurt in what is missing: 0. At best it is as the honest log.
     assert result.is_open
@@ -145,7 +145,7 @@ def test_a_contradiction_in_a_log_is_refused(
     def doctor(records: Records) -> None:
         change(records)
 
-    assert main(["score", str(_doctored(tmp_path, doctor)), "--rules", "paper2020"]) == 6
+    assert main(["score", str(_doctored(tmp_path, doctor)), "--rules", "paper2020.published"]) == 6
 
     err = capsys.readouterr().err
     assert cause in err
@@ -157,7 +157,7 @@ def test_a_pose_too_far_to_compute_with_is_open_and_counts_as_wrong(tmp_path: Pa
     def change(records: Records) -> None:
         _first("submission", records)["contents"][0]["pose"]["position_m"] = [1e200, 0.0, 0.0]
 
-    result = score_trial(_doctored(tmp_path, change), "paper2020")
+    result = score_trial(_doctored(tmp_path, change), "paper2020.published")
 
     # One pose point, under the demerits that the honest log has.
     assert result.is_open
@@ -174,7 +174,10 @@ def test_half_a_surrogate_pair_in_a_name_does_not_stop_the_result(tmp_path: Path
 
     log, out = _doctored(tmp_path, change), tmp_path / "r.json"
 
-    assert main(["score", str(log), "--rules", "paper2020", "--output-format", "json", "-o", str(out)]) == 0
+    assert (
+        main(["score", str(log), "--rules", "paper2020.published", "--output-format", "json", "-o", str(out)])
+        == 0
+    )
     assert load_result(out).score is not None
 
 
@@ -187,7 +190,7 @@ def test_a_result_is_never_written_over_its_log(
     before = log.read_bytes()
     monkeypatch.chdir(tmp_path)
 
-    assert main(["score", "t.jsonl", "--rules", "paper2020", "-o", name]) == 4
+    assert main(["score", "t.jsonl", "--rules", "paper2020.published", "-o", name]) == 4
 
     assert log.read_bytes() == before
     assert "would overwrite" in capsys.readouterr().err
@@ -198,8 +201,8 @@ def test_a_link_keeps_its_target_and_a_device_stays_a_device(tmp_path: Path) -> 
     (tmp_path / "real.txt").write_text("old")
     (tmp_path / "link.txt").symlink_to("real.txt")
 
-    assert main(["score", str(log), "--rules", "paper2020", "-o", str(tmp_path / "link.txt")]) == 0
-    assert main(["score", str(log), "--rules", "paper2020", "-o", "/dev/null"]) == 0
+    assert main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / "link.txt")]) == 0
+    assert main(["score", str(log), "--rules", "paper2020.published", "-o", "/dev/null"]) == 0
 
     assert (tmp_path / "link.txt").is_symlink()
     assert (tmp_path / "real.txt").read_text().startswith("19.761677")
@@ -210,7 +213,7 @@ def test_a_score_beyond_decimals_in_a_result_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, out = _doctored(tmp_path, lambda records: records), tmp_path / "r.json"
-    main(["score", str(log), "--rules", "paper2020", "--output-format", "json", "-o", str(out)])
+    main(["score", str(log), "--rules", "paper2020.published", "--output-format", "json", "-o", str(out)])
     out.write_text(out.read_text().replace('"score": 19.761677', '"score": 1e400'))
 
     assert main(["explain", str(out)]) == 6
@@ -231,4 +234,4 @@ def test_a_quantity_of_ones_own_is_recorded_and_read(tmp_path: Path) -> None:
     trial = JsonLinesReader().read(path, Wanted(LogMap("none"), frozenset({"force"})))
 
     assert set(trial.signal("force/robot", unit="N").values) == {12.5}
-    assert score_trial(path, "paper2020").score is not None
+    assert score_trial(path, "paper2020.published").score is not None

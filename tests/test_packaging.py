@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import subprocess
 import sys
 import zipfile
@@ -11,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from ariac_score.checks.contracts import GROUPS
+from ariac_score.cli.example import examples
 from ariac_score.logs.logmap import log_map_names
 from ariac_score.scoring.ruleset import rule_set_names
 
@@ -52,6 +55,18 @@ def _tree(folder: str, pattern: str) -> set[str]:
     }
 
 
+def _examples(path: str) -> set[str]:
+    """Files of a path of the examples that belong to the checkout."""
+    listed = subprocess.run(
+        ["git", "ls-files", f"examples/{path}"],  # noqa: S607  # as above
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return {name.removeprefix("examples/") for name in listed.stdout.splitlines()}
+
+
 def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     wanted = {
@@ -67,6 +82,8 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
     wanted |= {
         name for kind in ("*.py", "*.msg", "*.json", "*.yaml", "py.typed") for name in _tree("plugins", kind)
     }
+    shipped = [file for example in examples().values() for path in example.paths for file in _examples(path)]
+    wanted |= {f"ariac_score/examples/{name}" for name in (*shipped, "examples.json")}
 
     assert wanted - names == set()
     assert {n for n in names - wanted if ".dist-info/" not in n} == set()
@@ -75,22 +92,28 @@ def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> N
 def test_the_wheel_scores_a_trial_from_anywhere(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
     site = tmp_path / "site"
     wheel.extractall(site)
-    example = ROOT / "examples/kitting_near_miss.mcap"
     command = (
         "import sys; sys.path.insert(0, sys.argv.pop(1)); from ariac_score.cli import main; sys.exit(main())"
     )
-    arguments = ["score", str(example), "--rules", "paper2020", "--output-format", "json"]
+    isolated = "-P" if sys.version_info >= (3, 11) else "-s"
 
-    done = subprocess.run(  # our own command
-        [sys.executable, "-P" if sys.version_info >= (3, 11) else "-s", "-c", command, str(site), *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    def installed(*arguments: str) -> str:
+        done = subprocess.run(  # our own command
+            [sys.executable, isolated, "-c", command, str(site), *arguments],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    assert done.returncode == 0, done.stderr
-    assert '"score": 19.761677' in done.stdout
+    *_, first = installed("example").splitlines()
+    scored = installed(*first.removeprefix("next: ariac-score ").split(), "--output-format", "json")
+
+    assert '"score": 25.760398' in scored
+    written = tmp_path / "examples/kitting_near_miss.mcap"
+    assert written.read_bytes() == (ROOT / "examples/kitting_near_miss.mcap").read_bytes()
 
 
 def test_every_entry_point_of_ours_can_be_loaded() -> None:
@@ -109,3 +132,32 @@ def test_every_entry_point_of_ours_can_be_loaded() -> None:
 def test_shipped_data_is_found_where_the_package_is_installed() -> None:
     assert {"paper2020", "ariac2022.as_coded"} <= set(rule_set_names())
     assert {"ariac2020", "ariac2022", "ariac2023"} <= set(log_map_names())
+
+
+@pytest.mark.slow
+def test_the_same_checkout_gives_the_same_wheel(tmp_path: Path) -> None:
+    files = subprocess.run(
+        ["git", "ls-files"],  # noqa: S607  # as above
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout.splitlines()
+    if not files:
+        pytest.skip("not a git checkout, so which files belong to it is not known")
+    hashes = []
+    for number, names in enumerate((files, files[::-1])):  # made in another order, at another time
+        copy, out = tmp_path / f"checkout_{number}", tmp_path / f"wheel_{number}"
+        out.mkdir()
+        for name in names:
+            if (ROOT / name).is_file():
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                (copy / name).write_bytes((ROOT / name).read_bytes())
+                os.utime(copy / name, (10**9 + number, 10**9 + number))
+        environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "PYTHONHASHSEED": str(number)}
+        command = [sys.executable, "-c", _BUILD, str(out)]
+        subprocess.run(command, cwd=copy, check=True, capture_output=True, env=environment)  # our own command
+        (path,) = out.glob("*.whl")
+        hashes.append(hashlib.sha256(path.read_bytes()).hexdigest())
+
+    assert hashes[0] == hashes[1]

@@ -18,10 +18,9 @@ PAGE = (ROOT / "docs/protests.md").read_text(encoding="utf-8")
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the examples and room for what is published."""
+    """A folder with nothing but the examples."""
     pytest.importorskip("minisign")
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    (tmp_path / "published/amended").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

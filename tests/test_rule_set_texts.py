@@ -23,7 +23,7 @@ RULES = """\
 id: mine
 title: Mine
 source: a test
-extends: paper2020
+extends: paper2020.published
 monitors:
   separation:
     use: rml.spec
@@ -69,8 +69,8 @@ def test_four_formalisms_price_one_approach() -> None:
     (contact,) = result.measured.of("human_contact").values()
     assert contact.verdict is Verdict.SATISFIED
     assert result.score is not None
-    # paper2020 gives 19.761677 = 28 / (1 + demerits). A violation without a depth counts 1; one of a
-    # formula of truth is broken wholly, for 0.5 s out of tau_s = 5 s.
+    # paper2020.published gives 19.761677 = 28 / (1 + demerits). A violation without a depth counts 1; one
+    # of a formula of truth is broken wholly, for 0.5 s out of tau_s = 5 s.
     assert float(result.score) == pytest.approx(28 / (28 / 19.761677 + 0.1 * (1 + 1.1)), abs=1e-5)
 
 

@@ -121,7 +121,7 @@ WAYS: dict[str, Write] = {
 }
 
 
-def scored(path: Path, *more: str, rules: str = "paper2020") -> tuple[int, str]:
+def scored(path: Path, *more: str, rules: str = "paper2020.published") -> tuple[int, str]:
     """Exit code and result, without the names, lengths and hashes of what was read."""
     with redirect_stdout(StringIO()) as told:
         code = main(["score", str(path), "--rules", rules, "--output-format", "json", *more])

@@ -37,7 +37,7 @@ def result_text(tmp_path_factory: pytest.TempPathFactory) -> str:
     log = write_trial_log(
         tmp_path_factory.mktemp("log") / "t.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS
     )
-    return as_json(score_trial(log, "paper2020"))
+    return as_json(score_trial(log, "paper2020.published"))
 
 
 # The page ------------------------------------------------------------------------------
@@ -49,6 +49,36 @@ def test_every_test_that_the_page_names_is_there() -> None:
     for file, name in named:
         text = (ROOT / file).read_text(encoding="utf-8")
         assert not name or f"def {name}(" in text, (file, name)
+
+
+TOLD_ONLY = ("## Who sends what, and how far they are trusted", "## What is not defended")
+"""What needs no test: whom this is about, and what is no claim."""
+
+
+def claims() -> Iterator[tuple[str, str]]:
+    """Each row of a table and each point of a list that promises something, with its section."""
+    for part in re.split(r"\n(?=## )", PAGE)[1:]:
+        section, _, text = part.partition("\n")
+        if section in TOLD_ONLY:
+            continue
+        for block in text.split("\n\n"):
+            if block.lstrip().startswith("|"):
+                yield from ((section, row) for row in block.strip().splitlines()[2:])
+            elif block.lstrip().startswith("- "):
+                yield from ((section, point) for point in re.split(r"\n(?=- )", block.strip()))
+
+
+def test_no_claim_of_the_page_is_without_a_test() -> None:
+    found = list(claims())
+    without = [(section, claim[:80]) for section, claim in found if "`tests/" not in claim]
+
+    assert len(found) > 35
+    assert without == []
+
+
+def test_every_section_that_claims_something_names_a_test() -> None:
+    for part in re.split(r"\n(?=## )", PAGE)[1:]:
+        assert part.partition("\n")[0] in TOLD_ONLY or "`tests/" in part, part[:80]
 
 
 # Nothing that strangers send becomes code ---------------------------------------------------

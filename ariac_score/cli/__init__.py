@@ -43,9 +43,11 @@ EXIT_INTERNAL = 3
 
 _GROUPS = {
     "for teams: from a recording to its page": {
+        "example": "write an example to try things on, and a command to begin with",
         "record": "print, or run, the commands that record a trial so that it can be scored",
         "check": "check whether a log can be scored, and what is missing",
         "score": "score a trial",
+        "watch": "judge a running cell while it runs, record it and score it",
         "report": "make a page of a result, or the site of a competition",
         "explain": "follow any number of a result back to its samples",
         "info": "show the contents of a log, and which checks it could decide",

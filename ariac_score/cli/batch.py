@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
 from ariac_score.batch.description import Shard
 from ariac_score.batch.executors import make_executor
-from ariac_score.batch.remote import is_uri
+from ariac_score.batch.remote import LISTING_S, UnreachableError, is_uri, shown
 from ariac_score.batch.remote_plans import LIST_ENDING, plan_elsewhere, plan_list
+from ariac_score.batch.state import STORAGE_UNREACHABLE
 from ariac_score.batch.store import Store
-from ariac_score.batch.supervise import OnOutcome, Report, run_batch
-from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, TaskKey, of_shard, plan_batch, shard
-from ariac_score.cli.notes import counted, is_quiet, note
+from ariac_score.batch.supervise import Report, run_batch
+from ariac_score.batch.tasks import BatchPlan, BatchSetting, Limits, of_shard, plan_batch, shard
+from ariac_score.cli.batch_progress import outcomes_text, progress_of
+from ariac_score.cli.notes import counted, note
 from ariac_score.cli.partial import add_partial
 from ariac_score.errors import UsageError
 from ariac_score.installed.system import shortfalls
+from ariac_score.ranking.competition import signers_of
+from ariac_score.results.signing import keys_asked_for
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.style import plain
 
@@ -84,6 +82,13 @@ def register(commands: Any) -> None:
         help="of remote recordings fetch only the parts that the rules need; results show how much was read",
     )
     add_partial(parser, "score logs that are cut off as far as they go, as intervals; unofficial")
+    parser.add_argument(
+        "--public-key",
+        default="",
+        metavar="KEY",
+        help="who must have signed the tables of an earlier call (sign OUT); otherwise all is scored again; "
+        "default: whom the competition or its rules name (authority: signed_by), if anybody",
+    )
     parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of the executor's cluster")
     parser.set_defaults(run=run)
 
@@ -122,12 +127,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _planned(arguments: argparse.Namespace, work: Path, part: tuple[int, int]) -> BatchPlan:
-    """The runs of a path or URI."""
-    if is_uri(arguments.path):
-        return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges, part=part)
+    """The runs of a path or URI.
+
+    Raises:
+        BatchError: A storage does not list its runs.
+    """
     path = Path(arguments.path)
-    if path.suffix == LIST_ENDING and path.is_file():
-        return plan_list(path, arguments.rules, ranges=arguments.ranges, part=part)
+    try:
+        if is_uri(arguments.path):
+            note(arguments, f"listing {shown(arguments.path)}; given up after {LISTING_S:g} s")
+            return plan_elsewhere(arguments.path, arguments.rules, work, ranges=arguments.ranges, part=part)
+        if path.suffix == LIST_ENDING and path.is_file():
+            return plan_list(path, arguments.rules, ranges=arguments.ranges, part=part)
+    except UnreachableError as error:
+        raise error.named(STORAGE_UNREACHABLE) from error.__cause__
     plan = plan_batch(path, arguments.rules)
     _refuse_inside(arguments.output, path)
     return plan
@@ -141,10 +154,14 @@ def _run(
     part: tuple[int, int],
 ) -> int:
     """Score what is missing, write the tables, print the outcomes."""
+    named = rule_set.authority.signed_by
+    if plan.competition is not None:
+        named = signers_of(plan.competition, rule_set.authority)
+    keys = keys_asked_for(named, str(arguments.public_key))
     store = Store(arguments.output)
     tasks = list(of_shard(plan.tasks, *part))
     try:
-        with store.working() as work, _progress(arguments, len(tasks)) as on_outcome:
+        with store.working() as work, progress_of(arguments, len(tasks)) as progress:
             executor = make_executor(
                 arguments.executor,
                 jobs=arguments.jobs,
@@ -162,7 +179,10 @@ def _run(
                 name=plan.id,
                 shard=None if part == (1, 1) else Shard(*part),
                 again=arguments.again,
-                on_outcome=on_outcome,
+                on_outcome=progress.on_outcome,
+                on_state=progress.on_state,
+                signed_by=keys,
+                on_unsigned=lambda reason: note(arguments, f"scored again, not taken from there: {reason}"),
             )
     except KeyboardInterrupt:
         print("interrupted; what was scored is kept, and the same command goes on", file=sys.stderr)
@@ -195,43 +215,6 @@ def _refuse_inside(output: Path, path: Path) -> None:
 
 def _is_competition(folder: Path) -> bool:
     return (folder / "competition.yaml").is_file() or (folder / "logs").is_dir()
-
-
-@contextmanager
-def _progress(arguments: argparse.Namespace, total: int) -> Iterator[OnOutcome]:
-    """A bar with counts of outcomes on a terminal; else one line for each run; nothing with `--quiet`."""
-    if is_quiet(arguments) or not sys.stderr.isatty():
-
-        def line(key: TaskKey, outcome: str, reason: str) -> None:
-            note(arguments, f"{_name(key)}: {_words(outcome)}{': ' + reason if reason else ''}")
-
-        yield line
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    counts: Counter[str] = Counter()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("scoring", total=total)
-
-        def step(_key: TaskKey, outcome: str, _reason: str) -> None:
-            counts[outcome] += 1
-            progress.update(bar, advance=1, description=outcomes_text(counts))
-
-        yield step
-
-
-def _name(key: TaskKey) -> str:
-    team, trial, number = key
-    return f"{team}/{trial}_{number}" if team else trial
-
-
-def _words(outcome: str) -> str:
-    return outcome.replace("_", " ")
-
-
-def outcomes_text(counts: Mapping[str, int]) -> str:
-    """Counts of outcomes, the largest first."""
-    ordered = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
-    return ", ".join(f"{number} {_words(outcome)}" for outcome, number in ordered)
 
 
 def _show(report: Report, plan: BatchPlan, out: Path) -> None:

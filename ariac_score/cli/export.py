@@ -6,11 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ariac_score.batch.export import TABLES, table_csv, write_parquet
+from ariac_score.batch.export import TABLES, table_csv, write_parquet, write_partitions
+from ariac_score.cli.notes import counted
 from ariac_score.cli.outcome import add_output, show
 from ariac_score.cli.stored import result_given
 from ariac_score.errors import UsageError
 from ariac_score.terminal.output import refuse_inputs, write
+from ariac_score.terminal.style import plain
 
 
 def register(commands: Any) -> None:
@@ -29,6 +31,11 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "--table", choices=TABLES, default="runs", help="which table of a batch; default: runs"
     )
+    parser.add_argument(
+        "--by",
+        choices=("team", "trial"),
+        help="write the table of a batch as Parquet into a folder (-o DIR), with a file for each of these",
+    )
     add_output(parser)
     parser.set_defaults(run=run)
 
@@ -36,6 +43,8 @@ def register(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Load and show; the same output and exit codes as `score`."""
     refuse_inputs(arguments.output, arguments.result)
+    if arguments.by is not None and not arguments.result.is_dir():
+        raise UsageError("--by is for the tables of a batch", hint="name the folder of a batch")
     if arguments.result.is_dir():
         return _table(arguments)
     return show(result_given(arguments.result, "export"), arguments)
@@ -48,6 +57,12 @@ def _table(arguments: argparse.Namespace) -> int:
             f"a batch cannot be written as {arguments.output_format}",
             hint="give --output-format csv, or -o FILE.parquet",
         )
+    if arguments.by is not None:
+        if arguments.output is None:
+            raise UsageError("--by writes a folder, and none is named", hint="give -o DIR")
+        count = write_partitions(arguments.result, arguments.table, arguments.by, arguments.output)
+        print(f"wrote {counted(count, 'file')} in {plain(str(arguments.output))}")
+        return 0
     if arguments.output is not None and arguments.output.suffix == ".parquet":
         write_parquet(arguments.result, arguments.table, arguments.output)
     else:

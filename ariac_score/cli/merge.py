@@ -8,7 +8,8 @@ from typing import Any
 
 from ariac_score.batch.merge import merge_batches
 from ariac_score.batch.store import Store
-from ariac_score.cli.batch import EXIT_UNSETTLED, outcomes_text
+from ariac_score.cli.batch import EXIT_UNSETTLED
+from ariac_score.cli.batch_progress import outcomes_text
 from ariac_score.cli.notes import counted
 from ariac_score.errors import UsageError
 from ariac_score.terminal.style import plain
@@ -24,6 +25,12 @@ def register(commands: Any) -> None:
     parser.add_argument("output", type=Path, metavar="OUT", help="folder of the joined batch")
     parser.add_argument("parts", type=Path, nargs="+", metavar="PART", help="folder of a shard")
     parser.add_argument("--mixed-code", action="store_true", help="also join results of different code")
+    parser.add_argument(
+        "--public-key",
+        default="",
+        metavar="KEY",
+        help="who must have signed the table of each part; default: whom their rules name, if anybody",
+    )
     parser.set_defaults(run=run)
 
 
@@ -37,6 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
         )
     store = Store(arguments.output)
     with store.working() as work:
-        report = merge_batches(arguments.parts, store, work, mixed_code=arguments.mixed_code)
+        report = merge_batches(
+            arguments.parts,
+            store,
+            work,
+            mixed_code=arguments.mixed_code,
+            public_key=str(arguments.public_key),
+        )
     print(f"{plain(str(arguments.output))}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
     return EXIT_UNSETTLED if report.unsettled else 0

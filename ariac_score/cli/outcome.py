@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from ariac_score.scoring.steward import with_verdicts
 from ariac_score.terminal.output import write
 from ariac_score.terminal.style import Style, plain, style_for
 
-__all__ = ["FORMAT_HELP", "add_output", "failed_criteria", "show"]
+__all__ = ["FORMAT_HELP", "add_output", "exit_code_of", "failed_criteria", "show"]
 
 EXIT_CRITERION = 1
 EXIT_UNDECIDED = 6
@@ -64,8 +65,13 @@ def _criterion(text: str) -> str:
 
 def show(result: Result, arguments: argparse.Namespace) -> int:
     """Print or write a result, and on stderr what its log leaves open and which criteria fail."""
-    failed = failed_criteria(result, arguments.fail_on)
+    failed = failed_criteria(result, arguments.fail_on)  # first: one that is misspelt prints nothing else
     write(_shown(result, arguments), arguments.output)
+    return exit_code_of(result, failed)
+
+
+def exit_code_of(result: Result, failed: Sequence[str]) -> int:
+    """Say on stderr what the log of a result leaves open and which criteria failed; the exit code for it."""
     for criterion in failed:
         print(f"failed: {criterion}", file=sys.stderr)
     if result.final is None or result.is_open:

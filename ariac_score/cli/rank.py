@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences
-from ariac_score.ranking.competition import Competition, RunKey, load_competition
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, signers_of
 from ariac_score.ranking.design import designs
 from ariac_score.ranking.evaluation import Evaluation, evaluation_program, strict_evaluation
 from ariac_score.ranking.publication import StoredResult, ranking_json
@@ -32,6 +32,7 @@ from ariac_score.ranking.stored import write_results
 from ariac_score.report.ranking import design_text, ranking_csv, ranking_text, strict_text
 from ariac_score.results.adjustments import load_adjustments
 from ariac_score.results.cohort_file import cohort_text
+from ariac_score.results.signing import keys_asked_for, refuse_unsigned
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.terminal.output import counting_bar, refuse_inputs, write
 from ariac_score.terminal.style import Style, plain, style_for
@@ -89,6 +90,13 @@ def register(commands: Any) -> None:
         help="with --batch: take results that other code than the installed made",
     )
     parser.add_argument(
+        "--public-key",
+        default="",
+        metavar="KEY",
+        help="who must have signed stored results, tables and decisions; default: whom the competition or "
+        "its rules name (authority: signed_by), if anybody",
+    )
+    parser.add_argument(
         "--design",
         type=float,
         metavar="POINTS",
@@ -109,6 +117,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _strict(arguments, competition, rule_set, spec)
     for words in _said_beforehand(competition, rule_set):
         note(arguments, words)
+    keys = keys_asked_for(signers_of(competition, rule_set.authority), str(arguments.public_key))
+    refuse_unsigned_decisions(arguments.adjustments, competition, keys)
     if arguments.batch is not None:
         results = results_of_batch(
             arguments.batch,
@@ -116,6 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
             rule_set,
             sketches=arguments.results is not None,
             mixed_code=arguments.mixed_code,
+            signed_by=keys,
         )
     else:
         with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
@@ -125,6 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
                 progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
                 sketches=arguments.results is not None,
                 partial=bool(arguments.partial),
+                signed_by=keys,
             )
     ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
     ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)
@@ -207,6 +219,17 @@ class _Shown:
     def final(self) -> Statistics:
         """That of the ranking that counts."""
         return self.adjusted or self.statistics
+
+
+def refuse_unsigned_decisions(file: Path | None, competition: Competition, keys: Sequence[str]) -> None:
+    """Refuse decisions of stewards that nobody vouches for whose key is asked for.
+
+    Raises:
+        ResultError: Nobody does.
+    """
+    file = file or competition.adjustments
+    if file is not None:
+        refuse_unsigned(file, keys)
 
 
 def adjusted_by_stewards(

@@ -16,7 +16,7 @@ from pathlib import Path
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.documents.yaml import load_yaml
 from ariac_score.errors import LogMapError, UsageError
-from ariac_score.installed.system import end_session, signal_session
+from ariac_score.installed.system import await_session, end_session, signal_session
 from ariac_score.logs.logmap import is_log_map_file, load_log_map
 from ariac_score.logs.recording import OWN_TOPICS, Recording, load_recording
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -234,7 +234,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     """End a process and what it started, politely first."""
     if process.poll() is None:
         signal_session(process, signal.SIGINT)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(_CLOSING_S)
+        await_session(process, _CLOSING_S)
     with suppress(subprocess.TimeoutExpired):
         end_session(process, _CLOSING_S)

@@ -38,6 +38,12 @@ def register(commands: Any) -> None:
     )
     parser.add_argument("--log-map", default="", metavar="NAME", help="log map instead of the rule set's own")
     add_trial_config(parser)
+    parser.add_argument(
+        "--cohort",
+        type=Path,
+        metavar="FILE",
+        help="cohort.json of the organisers, for rules that compare teams",
+    )
     add_local_plugins(parser)
     parser.add_argument(
         "--budget",
@@ -78,6 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         rule_set,
         log_map=arguments.log_map,
         also=arguments.trial_config,
+        cohort=arguments.cohort,
         registry=registry_of(arguments),
     )
     _refuse_other_format(honest, arguments.output)

@@ -80,7 +80,10 @@ SETTINGS = {
         ),
         Setting("cohort", "path", "cohort.json of the organisers", ("score", "price"), matters=True),
         Setting(
-            "public-key", "path", "who must have signed what is verified: the file of a key", ("verify",)
+            "public-key",
+            "path",
+            "who must have signed what is stored: the file of a key",
+            ("verify", "rank", "batch", "merge"),
         ),
         Setting("output-format", "text", "where a command knows it", (*_SHOWN, "check", "audit")),
         Setting("output-folder", "path", "where 'report' puts the page of a result", ("report",)),

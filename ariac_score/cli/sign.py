@@ -8,8 +8,11 @@ from getpass import getpass
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.description import load_description
+from ariac_score.batch.index import RUNS, check_index, checked_rows, read_rows, refuse_other_rules
+from ariac_score.batch.store import JOURNAL
 from ariac_score.errors import UsageError
-from ariac_score.results.signing import make_keys, sign_result, signature_file
+from ariac_score.results.signing import make_keys, sign_file, sign_result, signature_file
 from ariac_score.terminal.output import write
 from ariac_score.terminal.style import plain
 
@@ -26,7 +29,7 @@ def register(commands: Any) -> None:
         nargs="*",
         type=Path,
         metavar="RESULT",
-        help="JSON that 'score', 'adjust' or 'rank' wrote, or adjustments.yaml",
+        help="JSON that 'score', 'adjust' or 'rank' wrote, adjustments.yaml, or the folder of a batch",
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
@@ -58,9 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
     signatures = [
         (
             signature_file(result),
-            sign_result(result, arguments.key, comment=arguments.comment, password=_password),
+            _signature(result, arguments),
         )
-        for result in arguments.results
+        for path in arguments.results
+        for result in _signed_files(path)
     ]
     for (
         file,
@@ -69,6 +73,23 @@ def run(arguments: argparse.Namespace) -> int:
         _put(file, signature)
         print(plain(str(file)))
     return 0
+
+
+def _signed_files(path: Path) -> list[Path]:
+    """What is signed of a path: of the folder of a batch its tables, which name every result by its hash."""
+    tables = [path / name for name in (RUNS, JOURNAL) if (path / name).is_file()]
+    return tables or [path]
+
+
+def _signature(file: Path, arguments: argparse.Namespace) -> bytes:
+    if file.name not in (RUNS, JOURNAL):
+        return sign_result(file, arguments.key, comment=arguments.comment, password=_password)
+    rules = load_description(file.parent, hint="it needs batch.json, which 'batch' writes").rule_set
+    for row, _ in checked_rows(file.parent, file.name):
+        refuse_other_rules(row, rules, file.parent)
+    if file.name == RUNS:
+        check_index(file.parent, (row for row, _ in read_rows(file)))
+    return sign_file(file, arguments.key, comment=arguments.comment, password=_password)
 
 
 def _put(file: Path, signature: bytes) -> None:

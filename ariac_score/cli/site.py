@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 
 from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.cli.partial import add_partial
-from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code
+from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code, refuse_unsigned_decisions
 from ariac_score.errors import RuleSetError, ScoreError, UsageError
 from ariac_score.ranking.compare import differences
-from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for, signers_of
 from ariac_score.ranking.publication import Publication, load_publication, ranking_json
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
@@ -101,6 +101,8 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     if not competition.runs and not competition.refused:
         words = "no run was found, so the site has no ranks yet: 'rank' says where runs are looked for"
         note(arguments, words)
+    keys = signers_of(competition, rule_set.authority)
+    refuse_unsigned_decisions(arguments.adjustments, competition, keys)
     previous = _previous(arguments)
     grid = _grid(arguments, competition, rule_set)
     with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
@@ -110,6 +112,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
             progress=lambda done, run: step(done, f"{run.team}/{run.trial}_{run.number}"),
             sketches=True,
             partial=bool(arguments.partial),
+            signed_by=keys,
         )
     ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
     ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)

@@ -16,7 +16,8 @@ from ariac_score.cli.trial_config import add_trial_config
 from ariac_score.errors import UsageError
 from ariac_score.review.proofs.certificate import certificate_in
 from ariac_score.review.steps import FAILED, OPEN, Verification
-from ariac_score.review.verify import verify_result
+from ariac_score.review.verify import is_ranking, verify_result
+from ariac_score.review.verify_ranking import verify_ranking
 from ariac_score.terminal.style import Style, plain, style_for
 
 EXIT_DIFFERS = 1
@@ -28,12 +29,17 @@ def register(commands: Any) -> None:
     """Add the command."""
     parser = commands.add_parser(
         "verify",
-        description="Check schema, sums, hashes and versions of a stored result; with its log, also compute "
-        "everything again and compare to the byte. Exit code 0: it holds; 1: something does not; 8: it is "
-        "consistent in itself, but was not compared with its log, or its rules, decisions or values across "
-        "teams are known from the file alone.",
+        description="Check schema, sums, hashes and versions of a stored result or ranking; with --log, also "
+        "compute everything again and compare to the byte. Exit code 0: it holds; 1: something does not; "
+        "8: it is consistent in itself, but was not compared with its log, or its rules, decisions or values "
+        "across teams are known from the file alone.",
     )
-    parser.add_argument("result", type=Path, metavar="RESULT", help="JSON written by 'score -o FILE.json'")
+    parser.add_argument(
+        "result",
+        type=Path,
+        metavar="RESULT|RANKING",
+        help="JSON written by 'score', 'adjust' or 'rank' with -o FILE.json, or a certificate",
+    )
     parser.add_argument(
         "--log",
         type=Path,
@@ -88,6 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.signature is not None and not arguments.public_key:
         raise UsageError("a signature is checked with a key", hint="name the key with --public-key")
     with not_a_log(arguments.result, "verify"):
+        if is_ranking(arguments.result):
+            return _shown(_ranking(arguments), arguments)
         found = verify_result(
             arguments.result,
             log=arguments.log,
@@ -100,6 +108,25 @@ def run(arguments: argparse.Namespace) -> int:
             signature=arguments.signature if isinstance(arguments.signature, Path) else None,
             local_plugins=arguments.local_plugins,
         )
+    return _shown(found, arguments)
+
+
+def _ranking(arguments: argparse.Namespace) -> Verification:
+    for name in ("log_map", "trial_config", "cohort", "local_plugins"):
+        if getattr(arguments, name):
+            option = f"--{name.replace('_', '-')}"
+            raise UsageError(f"{option} is for a result, and this is a ranking", hint=f"leave out {option}")
+    return verify_ranking(
+        arguments.result,
+        log=arguments.log,
+        rules=arguments.rules,
+        adjustments=arguments.adjustments,
+        public_key=str(arguments.public_key),
+        signature=arguments.signature if isinstance(arguments.signature, Path) else None,
+    )
+
+
+def _shown(found: Verification, arguments: argparse.Namespace) -> int:
     if arguments.output_format == "json":
         print(json.dumps(_data(found), indent=1, sort_keys=True))
     else:
@@ -135,7 +162,7 @@ def _kind(found: Verification) -> str:
     """Whether it is an automatic or an adjusted result, with its scores."""
     result = found.result
     if result is None:
-        return "no whole result"
+        return found.about or "no whole result"
     automatic = "withheld" if result.score is None else f"{result.score:f}"
     under = f"under {result.provenance.rule_set.id}"
     if result.adjusted is None:
@@ -151,7 +178,11 @@ def _data(found: Verification) -> dict[str, Any]:
     return {
         "holds": found.holds,
         "consistent": found.consistent,
-        "kind": None if result is None else "automatic" if result.adjusted is None else "adjusted",
+        "kind": (found.about.partition(" of ")[0] or None)
+        if result is None
+        else "automatic"
+        if result.adjusted is None
+        else "adjusted",
         "automatic_score": None if result is None or result.score is None else float(result.score),
         "score": None if result is None or result.final is None else float(result.final),
         "steps": [{"name": s.name, "outcome": s.outcome, "words": s.words} for s in found.steps],

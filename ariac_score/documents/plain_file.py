@@ -6,8 +6,9 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
-__all__ = ["read_plain"]
+__all__ = ["open_plain", "read_plain"]
 
 _BLOCK = 1 << 20
 
@@ -25,21 +26,34 @@ def read_plain(file: str | Path, most_bytes: int) -> bytes:
         OSError: It is not there, cannot be read, is a pipe, a device or a folder, or is larger.
         ValueError: The path can be that of no file, as with a null byte.
     """
-    # Without `O_NONBLOCK` a pipe would be waited for before anybody could see that it is one.
-    with open(os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb", buffering=0) as stream:  # noqa: PTH123
-        status = os.fstat(stream.fileno())
-        if stat.S_ISDIR(status.st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "it is no plain file")
-        if status.st_size > most_bytes:
-            raise _too_large(most_bytes, f"it has {status.st_size:,} bytes")
+    with open_plain(file) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if size > most_bytes:
+            raise _too_large(most_bytes, f"it has {size:,} bytes")
         found = bytearray()
         while block := stream.read(_BLOCK):  # files of the system state no size
             found += block
             if len(found) > most_bytes:
                 raise _too_large(most_bytes, "it goes on")
     return bytes(found)
+
+
+def open_plain(file: str | Path) -> BinaryIO:
+    """A plain file, open for reading, without a buffer; it may be larger than memory.
+
+    Raises:
+        OSError: It is not there, cannot be read, or is a pipe, a device or a folder.
+        ValueError: The path can be that of no file, as with a null byte.
+    """
+    # Without `O_NONBLOCK` a pipe would be waited for before anybody could see that it is one.
+    handle = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    mode = os.fstat(handle).st_mode
+    if stat.S_ISREG(mode):
+        return os.fdopen(handle, "rb", buffering=0)
+    os.close(handle)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    raise OSError(errno.EINVAL, "it is no plain file")
 
 
 def _too_large(most_bytes: int, words: str) -> OSError:

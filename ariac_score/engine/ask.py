@@ -117,8 +117,10 @@ def ask_worlds(
         raise broken(plugin, "says nothing, and silence is not a verdict", of=name)
     stored = [_stored(plugin, name, each, number, grounds) for number, each in enumerate(findings, start=1)]
     # Sorted here, because ids of findings are numbers in this order and decisions of stewards name them.
-    opened = [_open(plugin, name, one, grounds) for one in worlds]
-    return sorted(stored, key=_order_of_findings), sorted(opened, key=lambda one: one.subject)
+    opened: list[OpenFindings] = []
+    for one in sorted(worlds, key=lambda one: one.subject):
+        opened.append(_open(plugin, name, one, grounds, sum(len(o.best) + len(o.worst) for o in opened)))
+    return sorted(stored, key=_order_of_findings), opened
 
 
 def _heard(
@@ -165,13 +167,16 @@ def _note_time(plugin: Plugin, name: str, taken_s: float, allowed_s: float) -> N
         )
 
 
-def _open(plugin: Plugin, name: str, worlds: Worlds, grounds: Grounds) -> OpenFindings:
-    """Both worlds of a subject, each finding held to the contract and named."""
+def _open(plugin: Plugin, name: str, worlds: Worlds, grounds: Grounds, before: int) -> OpenFindings:
+    """Both worlds of a subject, each finding held to the contract and named.
+
+    Ids go on after the `before` findings of other subjects: of one check no two may have the same.
+    """
 
     def named(which: str, findings: Sequence[Finding]) -> dict[str, Finding]:
         stored = [_stored(plugin, name, one, number, grounds) for number, one in enumerate(findings, start=1)]
         ordered = sorted(stored, key=_order_of_findings)
-        return {f"{name}#{which}{number}": one for number, one in enumerate(ordered, start=1)}
+        return {f"{name}#{which}{number}": one for number, one in enumerate(ordered, start=before + 1)}
 
     best, worst = named("best", worlds.best), named("worst", worlds.worst)
     return OpenFindings(name, worlds.subject, best, worst, worlds.causes, worlds.tight)

@@ -122,7 +122,8 @@ def _missed(found: Attestation, trial: Trial) -> str:
 def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
     """What is missing, was put in or moved.
 
-    A sample that is missing is a gap of its signal, and bounded as such. One that the recorder did not
+    A sample that is missing is a gap of its signal, and bounded as such; where a topic is missing altogether,
+    another may stand in for it, which nobody but the organiser may choose. One that the recorder did not
     receive, though it lost none, or that lies at another time, is no sample.
     """
     read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
@@ -131,7 +132,8 @@ def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
         for channel in prepared.log_map.channels
         if channel.whole or channel.as_consumed or channel.poses == "models"
     }
-    lacking = [f"missing: {one}" for one in found.lacking if one.topic in telling]
+    gone = {one.topic for one in found.lacking if one.all and one.topic in read}
+    lacking = [f"missing: {one}" for one in found.lacking if one.topic in telling | gone]
     put_in = dict(found.put_in) | {topic: n for topic, n in found.unlisted if topic in telling}
     more = [
         f"put in: {_messages(n)} on {topic} that it did not receive"
@@ -139,7 +141,7 @@ def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
         if topic in read | telling
     ]
     moved = [
-        f"moved: {_messages(n)} on {topic}, by more than 1 s"
+        f"moved: {_messages(n)} on {topic}, by more than {found.moved_by_s:.3g} s"
         for topic, n in found.moved
         if topic in read | telling
     ]

@@ -97,7 +97,7 @@ def _asked(
     name: str, each: PreparedCheck, trial: Trial, prepared: Prepared
 ) -> tuple[list[Finding], list[OpenFindings]]:
     """What a check finds, and what it leaves open, with what hangs on a start or end that nobody knows."""
-    seen = ended_at_cut(trial) if prepared.rule_set.checks[name].group != _RULES else trial
+    seen = ended_at_cut(trial, prepared) if prepared.rule_set.checks[name].group != _RULES else trial
     found, worlds = ask_worlds(each.plugin, name, each.check, seen, words=prepared.words)
     if trial.cut is None or not trial.cut.open_end or trial.started_s is None:
         found, by_window = opened_by_window(found, each, seen, prepared)

@@ -13,6 +13,7 @@ from ariac_score.engine.ask import ask
 from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.model import Trial
+from ariac_score.trial.window import lacks_start
 
 __all__ = ["ended_at_cut", "opened_by_cut", "opened_by_window"]
 
@@ -49,21 +50,21 @@ def opened_by_window(
     return [*found, more], []
 
 
-def ended_at_cut(trial: Trial) -> Trial:
+def ended_at_cut(trial: Trial, prepared: Prepared) -> Trial:
     """A trial whose log is cut off, as if the competition had ended there; as it is where the log is whole.
 
     So a monitor says what was seen, no more and no less; what may have come later is added to it.
+
+    Args:
+        trial: The trial.
+        prepared: The rule set, which says what the competition was where the log shows neither end.
     """
     if trial.cut is None or not trial.cut.open_end or trial.recorded is None:
         return trial
     events = [*trial.events, Event(trial.recorded.end_s, COMPETITION_ENDED)]
-    if trial.started_s is None and not _lacks_start(trial):  # the rules take all of the recording
+    if trial.started_s is None and not lacks_start(trial, prepared.rule_set.authority.window):
         events.append(Event(trial.recorded.start_s, COMPETITION_STARTED))
     return replace(trial, events=tuple(sorted(events)), window_open="")
-
-
-def _lacks_start(trial: Trial) -> bool:
-    return trial.started_s is None and "start of the competition" in trial.window_open
 
 
 def opened_by_cut(

@@ -17,7 +17,7 @@ from ariac_score.checks.local import allowing
 from ariac_score.checks.registry import Registry
 from ariac_score.documents.given import name_or_path, path_of
 from ariac_score.engine.measure import measure_trial, sketch_trial
-from ariac_score.engine.prepared import Rules, prepare
+from ariac_score.engine.prepared import Prepared, Rules, prepare
 from ariac_score.engine.price import price_trial
 from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
 from ariac_score.engine.read import (
@@ -41,7 +41,7 @@ from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 
-__all__ = ["check_configuration", "open_trial", "score_trial"]
+__all__ = ["check_configuration", "open_trial", "score_parts", "score_trial"]
 
 
 def open_trial(
@@ -151,12 +151,53 @@ def score_trial(
     path = path_of(path, "the path of a log")
     registry = registry or Registry(allowing(local_plugins))
     prepared = prepare(rules, log_map=name_or_path(log_map), registry=registry)
-    rule_set, registry = prepared.rule_set, prepared.registry
+    registry = prepared.registry
     elsewhere = [path_of(one, "the path of a configuration") for one in also]
-    by = work_by or rule_set.authority.work
+    by = work_by or prepared.rule_set.authority.work
     bundle, readers = find_run(path, registry, also=elsewhere, root=path_of(root or path), work_by=by)
+    return score_parts(
+        path,
+        bundle,
+        readers,
+        prepared,
+        progress=progress,
+        trial_id=trial_id,
+        team=team,
+        jobs=jobs,
+        known=known,
+        partial=partial,
+    )
+
+
+def score_parts(
+    path: Path,
+    bundle: Bundle,
+    readers: Mapping[str, Reader],
+    prepared: Prepared,
+    *,
+    progress: Progress = no_progress,
+    trial_id: str = "",
+    team: str = "",
+    jobs: int = 0,
+    known: Result | None = None,
+    partial: bool = False,
+    hashed: bool = True,
+) -> Result:
+    """Score the parts of a trial that were found at a path.
+
+    Args:
+        path: Where they were found.
+        bundle: The parts.
+        readers: By name.
+        prepared: The rule set.
+        progress, trial_id, team, jobs, known, partial: As for `score_trial`.
+        hashed: Whether the result names its files with their hashes: not while they are being written.
+
+    Raises:
+        ScoreError: As `score_trial` does.
+    """
     refuse_unlikely(bundle, readers, prepared)
-    with hashing_files(bundle, threaded=jobs != 1) as hashes:
+    with hashing_files(bundle, threaded=jobs != 1 and hashed) as hashes:
         trial = read_needed(
             bundle,
             readers,
@@ -172,12 +213,13 @@ def score_trial(
         with _naming(path, trial.id):
             measured = measure_trial(trial, prepared, known=known)
         sketch = sketch_trial(trial, prepared, measured)
-        inputs = hashes()
-    refuse_other_contents(bundle, inputs)
+        inputs = hashes() if hashed else ()
+    if hashed:
+        refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared, measured))
     with _naming(path, trial.id):
-        return price_trial(measured, rule_set, provenance_of(bundle, inputs, prepared, trial))
+        return price_trial(measured, prepared.rule_set, provenance_of(bundle, inputs, prepared, trial))
 
 
 @contextmanager

@@ -70,10 +70,19 @@ def noted(file: Path) -> tuple[int, str]:
     (0, '')
     """
     try:
-        count, _, words = file.read_bytes().decode("utf-8", "replace").partition(" ")
+        count, _, words = _start_of(file).decode("utf-8", "replace").partition(" ")
         return int(count), words.rstrip()
     except (OSError, ValueError):
         return 0, ""
+
+
+def _start_of(file: Path) -> bytes:
+    """As many bytes as a note has; the process of a run may have left anything in its place."""
+    handle = os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # else a pipe would be waited for
+    try:
+        return os.read(handle, _LONGEST)
+    finally:
+        os.close(handle)
 
 
 class _Interrupts:

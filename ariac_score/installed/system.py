@@ -13,12 +13,15 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
+from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
 
 __all__ = [
     "KILLS",
+    "await_session",
     "end_after",
     "end_session",
     "limit_this_process",
@@ -141,6 +144,46 @@ def signal_session(process: subprocess.Popen[Any], how: int) -> None:
             os.killpg(process.pid, how)
         elif process.poll() is None:
             process.kill() if how == _KILL else process.send_signal(how)
+
+
+def await_session(process: subprocess.Popen[Any], patience_s: float) -> bool:
+    """Wait until a process and all that it started in its session have ended; whether they have.
+
+    A program that starts another one may end before it: `rosbag record` waits a quarter of a second for
+    the program that writes the bag, and that one may need longer to close it.
+
+    Args:
+        process: It has a session of its own.
+        patience_s: How long to wait, s.
+    """
+    until = time.monotonic() + patience_s
+    while process.poll() is None or _runs_in(process.pid):
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def _runs_in(group: int) -> bool:
+    """Whether anything runs in a group of processes; what has ended may wait for ever to be collected."""
+    try:
+        if not hasattr(os, "killpg"):
+            return False
+        os.killpg(group, 0)
+    except OSError:
+        return False
+    states = [_state_in(status, group) for status in Path("/proc").glob("[0-9]*/stat")]
+    return not states or any(state not in ("", "Z", "X") for state in states)
+
+
+def _state_in(status: Path, group: int) -> str:
+    """The state of a process of a group; empty: it is of another one, or gone."""
+    try:
+        # The name before may hold blanks and brackets.
+        state, _, its_group, *_ = status.read_text(errors="replace").rpartition(")")[2].split()
+    except (OSError, ValueError):
+        return ""
+    return state if its_group == str(group) else ""
 
 
 def end_session(process: subprocess.Popen[Any], patience_s: float) -> None:

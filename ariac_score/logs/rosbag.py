@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
 from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
+from ariac_score.logs.containers.folder import packed_storage
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
 from ariac_score.logs.gather.collector import Collector
 from ariac_score.logs.gather.topic_statistics import TopicStatistics
+from ariac_score.trial.attestation import Attestation
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.cut import cut_at
 from ariac_score.trial.model import LogDefect, Trial
 
-__all__ = ["RosbagReader"]
+__all__ = ["RecordingIntake", "RosbagReader"]
 
 _PROGRESS_EVERY = 4096
+_UNSEEN = (
+    "it was recorded through a source that may lose messages and says nothing of it: that a topic is silent "
+    "does not show that nothing happened"
+)
 _CONTRADICTING = "chunks whose index contradicts their records were read without it"
 
 
@@ -87,7 +93,8 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
-        statistics, collector, progress_at = TopicStatistics(), Collector(wanted, path), _PROGRESS_EVERY
+        intake, progress_at = RecordingIntake(wanted, path), _PROGRESS_EVERY
+        statistics, collector = intake.statistics, intake.collector
         scan = open_scan(path, jobs=wanted.jobs, topics=collector.topics, partial=wanted.partial)
         cut: CutOffError | None = None
         try:
@@ -103,6 +110,45 @@ class RosbagReader:
                 raise
             cut = error
         wanted.progress(1.0)
+        return intake.trial(cut, defects=_contradicting(scan, path))
+
+
+class RecordingIntake:
+    """What has been taken in of a recording, and the trial that it shows.
+
+    Args:
+        wanted: What the log map and the checks need.
+        file: The recording.
+
+    Attributes:
+        statistics: Of every item.
+        collector: What is wanted of them.
+    """
+
+    def __init__(self, wanted: Wanted, file: Path) -> None:
+        self._file = file
+        self.statistics, self.collector = TopicStatistics(), Collector(wanted, file)
+
+    def take(self, item: Connection | Message) -> None:
+        """Count and collect one item, in recorded order."""
+        if isinstance(item, Message):
+            self.statistics.count(item)
+        else:
+            self.statistics.declare(item)
+        self.collector.take(item)
+
+    def trial(self, cut: CutOffError | None = None, *, defects: Iterable[LogDefect] = ()) -> Trial:
+        """The part of a trial that was taken in; it can be asked for once.
+
+        Args:
+            cut: Where the recording breaks off, if it does.
+            defects: Of the recording.
+
+        Raises:
+            LogError: Its clocks are mixed, or what it says contradicts itself.
+            NothingToScoreError: It holds no message.
+        """
+        path, statistics, collector = self._file, self.statistics, self.collector
         first_ns, last_ns = statistics.first_ns, statistics.last_ns
         if first_ns is None or last_ns is None:
             raise NothingToScoreError(
@@ -120,9 +166,16 @@ class RosbagReader:
             builder.cut = cut_at(cut, path.name, end_s, largest_step_back_s=back_s)
         elif statistics.has(MANIFEST) or statistics.has(HEARTBEAT):
             builder.attestation = attestation_of(path, clock.origin_ns)
-        for defect in _contradicting(scan, path):
+        if collector.unseen_losses and not _shows_losses(builder.attestation):
+            builder.unseen_losses = _UNSEEN
+        for defect in defects:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()
+
+
+def _shows_losses(attestation: Attestation | None) -> bool:
+    """Whether the messages are those that a recorder lists, so that one that was lost would show."""
+    return attestation is not None and not attestation.problem and not attestation.lacking
 
 
 def _counted(scan: Scan, statistics: TopicStatistics, path: Path) -> Iterator[Connection | Message | Batch]:
@@ -161,4 +214,6 @@ def _disordered(statistics: TopicStatistics) -> Iterator[LogDefect]:
 def _trial_id(path: Path) -> str:
     # Not from the metadata: the same recording must have the same name in every container.
     resolved = path.resolve()
+    if packed_storage(resolved) and resolved.is_file():
+        resolved = resolved.with_suffix("")
     return resolved.stem if resolved.suffix in SUFFIXES else resolved.name

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from keyword import iskeyword
@@ -37,6 +37,7 @@ from ariac_score.trial.work import at_times
 
 __all__ = [
     "MAX_LINE_BYTES",
+    "UNSEEN",
     "RosMonitoringReader",
     "Row",
     "channel_of",
@@ -56,6 +57,12 @@ FIRST_UNIX_S = 1e9
 """Stamps from here on (September 2001) count from 1970; no simulation runs for thirty years."""
 
 UNTIMED = "no time"
+
+UNSEEN = "/ariac_score/unseen"
+"""Topic of an event that says what nobody saw: nothing is known between its `since` and its `time`.
+
+Our oracle writes it where a conversation was interrupted, and our monitor node where it had to drop messages.
+"""
 
 _CUT = "record the trial again, or cut the log after its last whole line knowingly"
 _PEEK_BYTES = 1 << 16
@@ -402,6 +409,7 @@ class _Intake:
             if channel.signals or channel.poses
         )
         self._nameless = 0
+        self._unseen: list[tuple[float | None, float | None]] = []
 
     def take(self, event: Mapping[str, Any]) -> None:
         """Take one event."""
@@ -409,6 +417,9 @@ class _Intake:
         if not topic:
             self._nameless += 1
         time_s = stamp_s(event)
+        if topic == UNSEEN:
+            self._unseen.append((stamp_s({"time": event.get("since")}), time_s))
+            return
         name = clock_of(time_s)
         clock = self.clocks.get(name)
         if clock is None:
@@ -452,6 +463,8 @@ class _Intake:
             end_s = None if builder.recorded is None else builder.recorded.end_s
             builder.cut = cut_at(cut, self._path.name, end_s, largest_step_back_s=chosen.back_ns / 1e9)
         trial = builder.build()
+        if self._unseen:
+            trial = _with_unseen(trial, [_stretch(trial, one, main, origin_ns) for one in self._unseen])
         return trial if main != UNTIMED else _timeless(trial)
 
     def _weight(self, name: str) -> tuple[bool, int, int]:
@@ -489,6 +502,34 @@ class _Intake:
             for s in (*untimed.signals, *untimed.as_consumed)
         ]
         builder.defect("other_clock", name, clock.events, _other_clock(name, main))
+
+
+def _stretch(
+    trial: Trial, unseen: tuple[float | None, float | None], clock: str, origin_ns: int
+) -> Span | None:
+    """When nothing was seen; all the time, where that is not known on the clock of the trial."""
+    since_s, until_s = unseen
+    if since_s is None or until_s is None or not clock_of(since_s) == clock_of(until_s) == clock:
+        return trial.recorded
+    start_s, end_s = ((round(t_s * 1e9) - origin_ns) / 1e9 for t_s in unseen if t_s is not None)
+    return Span(start_s, end_s) if start_s < end_s else None
+
+
+def _with_unseen(trial: Trial, stretches: Sequence[Span | None]) -> Trial:
+    """A trial of which it is known that events are missing: signals have holes, and silence says nothing."""
+    holes = {stretch for stretch in stretches if stretch is not None}
+    signals = {
+        name: signal if signal.constant else replace(signal, holes=tuple(sorted({*signal.holes, *holes})))
+        for name, signal in trial.signals.items()
+    }
+    words = "stretch(es) in which nobody saw what happened, as when an oracle was ended and started again"
+    defect = LogDefect("unseen", UNSEEN, len(stretches), words)
+    return replace(
+        trial,
+        signals=signals,
+        witnessed=frozenset(),
+        log_defects=tuple(sorted((*trial.log_defects, defect))),
+    )
 
 
 def _other_clock(name: str, main: str) -> str:

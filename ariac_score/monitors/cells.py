@@ -73,6 +73,7 @@ class Stream:
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]
         missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
+        missing[0] = bool(len(t))  # no sample stands for what was before the first
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
         return cls(signal, unseen, stated if thinned else 0.0)

@@ -16,13 +16,14 @@ Sample k stands for [t_k, t_k+1): durations are sums of those, never counts of s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ariac_score.checks.depth import DepthProfile, depth_profile
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
@@ -116,6 +117,14 @@ class Bound:
         """Signed distance to the limit, shape (n,), negative where it is broken."""
         return self.limit - self.actual if self.at_most else self.actual - self.limit
 
+    def allowing(self, error: FloatArray | float) -> Bound:
+        """The same limit, broken only by more than what is measured may be wrong by.
+
+        Args:
+            error: How far what is measured may lie from the true value, shape (n,) or one number.
+        """
+        return replace(self, limit=self.limit + error if self.at_most else self.limit - error)
+
     @property
     def unknown(self) -> BoolArray:
         """Where the limit applies, but what is measured or the limit itself is NaN, shape (n,)."""
@@ -152,12 +161,14 @@ class Episode:
         rows: Its violating samples.
         worst: The sample with the least margin.
         quantities: Those of `severity_measures`.
+        profile: Its relative depth over time.
     """
 
     span: Span
     rows: Rows
     worst: int
     quantities: Mapping[str, float]
+    profile: DepthProfile
 
 
 def rows_of_episodes(
@@ -245,7 +256,9 @@ class JudgedLimit:
         )
         # Sums, never shares of the trial's length: else waiting would dilute a violation.
         names = severity_measures(self.bound.unit)
-        return Episode(span, rows, int(rows[np.argmin(margin)]), dict(zip(names, numbers, strict=True)))
+        profile = depth_profile(self.watched.t[rows], weight_s, relative)
+        worst = int(rows[np.argmin(margin)])
+        return Episode(span, rows, worst, dict(zip(names, numbers, strict=True)), profile)
 
     def evidence(self, row: int) -> tuple[Sample, ...]:
         """What was measured at one sample, and the limit where it has a name."""
@@ -273,6 +286,8 @@ class FindingRules:
         idle: The message when the limit never applied.
         critical: Whether a violation is a critical event.
         measures_clean: Whether a subject without a violation has the severities, all 0.
+        graded: Whether the depth relative to the limit says how bad a violation is; a contact, say, is one
+            at any depth.
     """
 
     clause: str = ""
@@ -281,6 +296,7 @@ class FindingRules:
     idle: str = "the limit never applied"
     critical: bool = False
     measures_clean: bool = True
+    graded: bool = True
 
 
 @dataclass(frozen=True)
@@ -345,6 +361,7 @@ def _finding(
         evidence=limit.evidence(row),
         clause=rules.clause,
         critical=rules.critical and episode is not None,
+        profile=episode.profile if rules.graded and episode is not None else None,
     )
 
 

@@ -290,6 +290,11 @@ class LimitMonitor(SubjectMonitor):
         return False
 
     @property
+    def graded(self) -> bool:
+        """Whether the depth relative to the limit says how bad a violation is."""
+        return True
+
+    @property
     def encounter(self) -> Encounter | None:
         """Given where it is about a machine and a person: who closed in and was exposed is then told."""
         return None
@@ -406,7 +411,9 @@ class LimitMonitor(SubjectMonitor):
     @property
     def rules(self) -> FindingRules:
         """How samples become findings."""
-        return FindingRules(self.clause, self.t_on_s or 0.0, self.t_off_s, self.idle, self.critical)
+        return FindingRules(
+            self.clause, self.t_on_s or 0.0, self.t_off_s, self.idle, self.critical, graded=self.graded
+        )
 
     @property
     def _helpful(self) -> Mapping[str, str]:
@@ -459,7 +466,7 @@ class LimitMonitor(SubjectMonitor):
                 f"the margin is NaN at {signals.t[np.argmax(bound.unknown)]:.3f} s, where the limit applies; "
                 "say with 'where' where it does not, and raise UndecidedError for what is not known"
             )
-        limit, met = JudgedLimit(signals, bound), self.encounter
+        limit, met = JudgedLimit(signals, _beyond_error(signals, bound)), self.encounter
         exposure = {} if met is None else met.exposure(signals)  # of the whole trial, so once
         further, words = severity or self.severity, labels or self.labels
 
@@ -472,6 +479,20 @@ class LimitMonitor(SubjectMonitor):
             )
 
         return limit_findings(limit, rules or self.rules, describe)
+
+
+def _beyond_error(signals: Watched, bound: Bound) -> Bound:
+    """The limit of a measured distance, broken only by more than the distance may be wrong by.
+
+    What was not measured is the true distance of a world, which has no error.
+    """
+    assumed = signals.trial.between
+    if assumed is None or not assumed.distance_error_m or bound.unit != "m":
+        return bound
+    error_m = np.full(len(signals), assumed.distance_error_m)
+    if signals.filled is not None:
+        error_m[signals.filled] = 0.0
+    return bound.allowing(error_m)
 
 
 def _refuse_no_numbers(what: str, given: Any) -> None:

@@ -65,14 +65,23 @@ class _Sides:
     open: BoolArray
 
     @classmethod
-    def of(cls, stream: Stream, cells: Cells, error_s: float) -> _Sides:
+    def of(cls, stream: Stream, cells: Cells, error_s: float, steps_s: FloatArray | float = 0.0) -> _Sides:
+        """The sides of some cells.
+
+        Args:
+            stream: The samples.
+            cells: Of a competition.
+            error_s: How far each stamp may lie from the time it is for, s.
+            steps_s: How long it takes from each sample to the next at least, shape (n - 1,), s.
+        """
         t = stream.t
         edges = np.concatenate(([-np.inf], t, [np.inf]))
+        earliest, latest = _taken(t, steps_s, error_s)
         after = np.searchsorted(t, cells.t, side="right")
         at_sample = (edges[after] == cells.t) & (cells.end - cells.t <= 2 * INSTANT_S)
         is_open = stream.open[after] & ~(at_sample & (error_s == 0.0))
-        since_s = np.where(np.isinf(edges[after]), np.inf, cells.end - edges[after] + error_s)
-        until_s = np.where(np.isinf(edges[after + 1]), np.inf, edges[after + 1] - cells.t + error_s)
+        since_s = np.where(np.isinf(edges[after]), np.inf, cells.end - earliest[after])
+        until_s = np.where(np.isinf(edges[after + 1]), np.inf, latest[after + 1] - cells.t)
         for one in stream.signal.disbelieved:
             if stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
                 there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
@@ -84,6 +93,26 @@ class _Sides:
         none = np.full((1, *column.shape[1:]), np.nan)
         padded = np.concatenate([none, column, none])
         return padded[self.before + 1], padded[self.after + 1]
+
+
+def _taken(t: FloatArray, steps_s: FloatArray | float, error_s: float) -> tuple[FloatArray, FloatArray]:
+    """The earliest and the latest moment that each sample can be of, with one before and one after all, s.
+
+    Samples are of their order, and from one to the next the body needs its time. With that in the stamps, the
+    nearest samples bound all that any further one does, so that leaving out samples never bounds more.
+    """
+    if error_s == 0.0 or not len(t):
+        edges = np.concatenate(([-np.inf], t, [np.inf]))
+        return edges, edges
+    # What every sample is later than, seen from the first: a running maximum of stamps less the way so far.
+    way_s = np.concatenate(([0.0], np.cumsum(np.broadcast_to(steps_s, len(t) - 1))))
+    earliest = np.maximum.accumulate(t - error_s - way_s) + way_s
+    latest = np.minimum.accumulate((t + error_s - way_s)[::-1])[::-1] + way_s
+    # Samples that no order of stamps fits break a bound, which is refused or remarked on elsewhere.
+    fits = earliest <= latest + INSTANT_S
+    earliest = np.where(fits, earliest, t - error_s)
+    latest = np.where(fits, latest, t + error_s)
+    return np.concatenate(([-np.inf], earliest, [np.inf])), np.concatenate(([-np.inf], latest, [np.inf]))
 
 
 # Bounds of signals -----------------------------------------------------------------------------
@@ -196,8 +225,10 @@ class Unseen:
             least, most = apart
         else:
             (only,) = sides[:1]
-            before, after = only.values(signal.values)
-            least, most = between(before, after, only.since_s, only.until_s, rate)
+            low, high = _by_all_samples(signal, rate, self.error_s(signal), error_m)
+            (least, _), (_, most) = (
+                between(*only.values(one), only.since_s, only.until_s, rate) for one in (low, high)
+            )
             self._refuse_no_path(signal.name, cells, least, most, only.open, error_m)
         unbounded = (least > most + 2 * error_m + 1e-9) | ~np.isfinite(most)
         least = np.where(unbounded, 0.0, np.maximum(least - error_m, 0.0))
@@ -245,8 +276,8 @@ class Unseen:
             if position is None or motion is None or not len(position):
                 return None
             stream = self._stream(position)
-            sides = _Sides.of(stream, cells, self.error_s(stream.signal))
             values = position.values[:, :components]
+            sides = _Sides.of(stream, cells, self.error_s(position), self._steps_s(position, motion))
             before, after = sides.values(values)
             held = position.at(cells.t)[:, :components]
             since_m, until_m = (reach(motion.max_speed_m_s, one) for one in (sides.since_s, sides.until_s))
@@ -264,9 +295,17 @@ class Unseen:
                 since_m[broken], until_m[broken] = np.inf, np.inf
             place = Place(before, after, since_m, until_m)
             if math.isfinite(motion.max_acceleration_m_s2):
-                place = _near_chord(place, sides, cells, motion, self.error_s(stream.signal))
+                stamped = _Sides.of(stream, cells, self.error_s(position))
+                place = _near_chord(place, stamped, cells, motion, self.error_s(position))
             found.append(place)
         return found
+
+    def _steps_s(self, position: Signal, motion: MotionBound) -> FloatArray:
+        """How long a point takes from each of its places to the next at least, shape (n - 1,), s."""
+        way_m = np.maximum(lengths(np.diff(position.values, axis=0)) - 2.0 * self.assumed.distance_error_m, 0)
+        if motion.max_speed_m_s <= 0.0:
+            return np.zeros(len(way_m))
+        return np.asarray(way_m / motion.max_speed_m_s, dtype=np.float64)
 
     def _speed(
         self, signal: Signal, cells: Cells, sides: Sequence[_Sides], motion: MotionBound
@@ -293,6 +332,29 @@ class Unseen:
                     self.remarks[f"the {whose} is above the default bound of {top:g} m/s"] = None
             least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
         return least, most
+
+
+def _by_all_samples(
+    distance: Signal, rate: float, error_s: float, error_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """What each sample and all others say of the least and the most at its time, errors apart.
+
+    With right stamps a sample says more than all others. With wrong ones another may say more, and who left
+    out the nearest would otherwise bring that to light. Samples that contradict each other stand for
+    themselves.
+    """
+    t, values = distance.t, distance.values
+    if error_s == 0.0 and error_m == 0.0:
+        return values, values
+    falling, rising = values - rate * t, values + rate * t
+    low = np.maximum(
+        np.maximum.accumulate(rising) - rate * t, np.maximum.accumulate(falling[::-1])[::-1] + rate * t
+    )
+    high = np.minimum(
+        np.minimum.accumulate(falling) + rate * t, np.minimum.accumulate(rising[::-1])[::-1] - rate * t
+    )
+    agree = low - high <= 2.0 * (error_m + rate * error_s) + 1e-9
+    return np.where(agree, low, values), np.where(agree, high, values)
 
 
 def _speed_of_places(

@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, Worlds
@@ -280,7 +281,15 @@ def _together(violations: Sequence[Finding]) -> Finding:
         message=f"{first.message}; {len(violations) - 1} more may be one with it",
         quantities=quantities,
         robustness=min(margins) if margins else None,
+        profile=joined_profiles([_profile(one) for one in violations if one.span]),
     )
+
+
+def _profile(violation: Finding) -> DepthProfile:
+    """How deep a violation was over time; as deep as can be, where it has no depth."""
+    if violation.profile is not None or violation.span is None:
+        return violation.profile or DepthProfile((0.0, 0.0), (0.0, 0.0))
+    return DepthProfile((violation.span.start_s, violation.span.end_s), (1.0, 0.0))
 
 
 def _is_maximum(name: str) -> bool:
@@ -321,6 +330,7 @@ def _touch(violation: Finding, at_s: float) -> Finding:
         robustness=None if violation.robustness is None else 0.0,
         quantities=nothing,
         evidence=(),
+        profile=DepthProfile((at_s, at_s), (0.0, 0.0)),
     )
 
 

@@ -22,6 +22,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, is_there, load_yaml
 from ariac_score.errors import DataFileError, LogError, NothingToScoreError, UsageError, did_you_mean
+from ariac_score.results.signing import ENDING
 from ariac_score.scoring.authority import Authority
 from ariac_score.trial.statements import ORGANISER
 
@@ -33,6 +34,7 @@ __all__ = [
     "TrialPlan",
     "load_competition",
     "registry_for",
+    "signers_of",
     "stored_results",
     "work_by_of",
 ]
@@ -114,6 +116,7 @@ class Competition:
         what_if: Other values of numbers of the rules, by name, for its site to show the ranking under.
         work_by: Whose configuration may state the work, `organiser` or `run`; empty where the file does not
             say. Then the rules do, and where they do not either, it is the organiser's.
+        signed_by: The public keys of the organiser, as the file gives them; empty where it does not say.
     """
 
     id: str
@@ -133,6 +136,12 @@ class Competition:
     local_plugins: Mapping[str, str] = field(default_factory=dict)
     what_if: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     work_by: str = ""
+    signed_by: tuple[str, ...] = ()
+
+
+def signers_of(competition: Competition, rules: Authority) -> tuple[str, ...]:
+    """Whose signature what is stored of a competition must have: as it says, else as its rules do."""
+    return competition.signed_by or rules.signed_by
 
 
 def work_by_of(competition: Competition, rules: Authority) -> str:
@@ -226,6 +235,7 @@ def _from_file(file: Path, rules: str) -> Competition:
         local_plugins=data.get("local_plugins", {}),
         what_if={name: tuple(map(float, values)) for name, values in data.get("what_if", {}).items()},
         work_by=data.get("authority", {}).get("work", ""),
+        signed_by=tuple(data.get("authority", {}).get("signed_by", ())),
     )
 
 
@@ -495,7 +505,7 @@ def _search(
             continue
         match = re.fullmatch(expression, relative)
         if match is None:
-            if not path.name.startswith("."):
+            if not path.name.startswith(".") and path.suffix != ENDING:
                 strangers.append(f"{relative}: not named as {pattern}")
             continue
         team, trial = match["team"], match["trial"]

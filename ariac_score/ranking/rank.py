@@ -12,7 +12,7 @@ drove by crashing or by not making the run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Annotated, Any
@@ -34,10 +34,12 @@ from ariac_score.ranking.open_scores import (
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
+from ariac_score.results.doubt import counted
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, add_up
+from ariac_score.scoring.policy import assume
 from ariac_score.scoring.pricing import Contributed
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjustment
@@ -138,6 +140,7 @@ class Cell:
         reason: In words.
         runs: Numbers of the runs that count.
         made: Number of runs, counting or not.
+        open: Between which ends the score lies, where logs leave that open.
     """
 
     score: Decimal
@@ -145,6 +148,10 @@ class Cell:
     reason: str
     runs: tuple[int, ...]
     made: int
+    open: Ends | None = None
+
+    def __post_init__(self) -> None:
+        leave_out_empty(self, "open")
 
 
 @dataclass(frozen=True)
@@ -255,8 +262,10 @@ def rank_results(
     kept = _kept(outcomes, spec)
     cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
     pools = _pools(outcomes, rule_set)
+    opened = {(run.team, run.trial) for run in outcomes if run.open is not None}
     outcomes = [
-        _priced(run, kept, rule_set, cohort, pools) for run in sorted(outcomes, key=lambda run: run.key)
+        _priced(run, kept, rule_set, cohort, pools, opened)
+        for run in sorted(outcomes, key=lambda run: run.key)
     ]
     return _ranking(competition, spec, rule_set, outcomes, cohort)
 
@@ -394,9 +403,11 @@ def _undecided(result: Result) -> str:
 def _term(name: str, result: Result, rule_set: RuleSet) -> float:
     """The value of a term of the trial; it may not depend on other teams, for there is no cohort yet."""
     formula = Expression.parse(name, where=f"$.ranking: {name}")
-    measured = result.measured
-    traced = rule_set.sheet.evaluate_in(formula, measured.scopes, measured.findings)
-    return float(traced[""].value)
+    sheet, measured = rule_set.sheet, result.measured
+    # In the world whose score counts: else a team would be ahead, or calm, for what its log does not show.
+    findings = measured.findings if sheet.needs_cohort else counted(result, rule_set)
+    findings = assume(findings, rule_set.policies, priced=sheet.scored).findings
+    return float(sheet.evaluate_in(formula, measured.scopes, findings)[""].value)
 
 
 def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], tuple[RunOutcome, ...]]:
@@ -444,11 +455,11 @@ def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
 
 
 _Pool = Mapping[str, Mapping[str, float]] | str
-"""Terms summed over all runs of a team and trial; or why a sum is not known."""
+"""Terms at their greatest over all runs of a team and trial; or why that is not known."""
 
 
 def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str, str], _Pool]:
-    """For each team and trial the sums that the rules call `runs.…`."""
+    """For each team and trial the greatest values, which the rules call `runs.…`."""
     names = rule_set.sheet.pooled
     pools: dict[tuple[str, str], _Pool] = {}
     for key in {(run.team, run.trial) for run in outcomes} if names else ():
@@ -458,7 +469,7 @@ def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str,
 
 
 def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -> _Pool:
-    # One unknown run makes the sum unknown. Otherwise a run whose log is unreadable would count as
+    # One unknown run makes the greatest unknown. Otherwise a run whose log is unreadable would count as
     # one without violations, and a team would gain by losing its log.
     totals: dict[str, list[float]] = {name: [] for name in names}
     for run in runs:
@@ -469,7 +480,8 @@ def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -
                 totals[name].append(_term(name, run.result, rule_set))
         except FormulaError as error:
             return f"run {run.number}: {error.cause}, and the rules count what all runs did"
-    return {f"runs.{name}": {"": float(add_up(values))} for name, values in totals.items()}
+    # The greatest: of all that never falls with one more run only that stays as it is when a run is repeated.
+    return {f"runs.{name}": {"": max(values)} for name, values in totals.items()}
 
 
 def _priced(
@@ -478,8 +490,13 @@ def _priced(
     rule_set: RuleSet,
     cohort: Cohort | None,
     pools: Mapping[tuple[str, str], _Pool],
+    opened: Collection[tuple[str, str]],
 ) -> RunOutcome:
-    """A run with its score, where the rules compare teams or runs, and whether it is kept."""
+    """A run with its score, where the rules compare teams or runs, and whether it is kept.
+
+    What all runs did is priced in the world that counts. Where one of them is open (`opened`), the score may
+    also be what it is by the run alone: others can only add to what this one did.
+    """
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
     pool = pools.get((run.team, run.trial))
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
@@ -495,7 +512,12 @@ def _priced(
         return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
     if result.score is None:
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
-    return replace(run, score=result.score, result=result, kept=counts, open=_ends(result))
+    ends = _ends(result)
+    if pool is not None and (run.team, run.trial) in opened and run.score is not None:
+        alone = run.open or Ends(run.score, run.score)
+        priced = ends or Ends(result.score, result.score)
+        ends = priced.around(alone.least).around(alone.most)
+    return replace(run, score=result.score, result=result, kept=counts, open=ends)
 
 
 def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:
@@ -614,6 +636,7 @@ def _with_ends(
     )
     worst_of = _worst_of(standings, spec, groups, worst)
     found: dict[str, Ends] = {}
+    trials: dict[str, dict[str, Cell]] = {}
     for standing in standings:
         cells = [
             _cell_ends(groups.get((standing.team, trial), ()), cell, worst_of[trial], slots)
@@ -622,11 +645,16 @@ def _with_ends(
         ends = [
             spec.total.execution(list(side)) for side in zip(*((c.least, c.most) for c in cells), strict=True)
         ]
+        trials[standing.team] = {
+            trial: replace(cell, open=own if own.least != own.most else None)
+            for (trial, cell), own in zip(standing.trials.items(), cells, strict=True)
+        }
         found[standing.team] = Ends(*ends) if ends else Ends(standing.execution, standing.execution)
     ranks = _rank_ends(standings, spec, found)
     return tuple(
         replace(
             standing,
+            trials=trials[standing.team],
             open=OpenStanding(
                 found[standing.team],
                 *ranks.get(standing.team, (None, None)),

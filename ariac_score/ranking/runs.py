@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from ariac_score.results.result_file import (
     read_result,
     refuse_impossible,
 )
+from ariac_score.results.signing import refuse_unsigned
 from ariac_score.scoring.ruleset import RuleSet
 
 __all__ = ["score_runs", "without_sketch"]
@@ -37,6 +38,7 @@ def score_runs(
     progress: Progress = _silent,
     sketches: bool = False,
     partial: bool = False,
+    signed_by: Sequence[str] = (),
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
@@ -50,6 +52,7 @@ def score_runs(
         sketches: Keep the series that pages draw. They price nothing, and are most of the memory
             that a season takes.
         partial: Whether logs that are cut off are scored as far as they go, unofficially.
+        signed_by: Keys one of which must have signed a run that is a stored result.
 
     Raises:
         ResultError: Stored results were made under different rule sets: one may have judged
@@ -69,7 +72,12 @@ def score_runs(
         also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
         try:
             if _is_stored(run):
+                refuse_unsigned(run.path, signed_by)
                 stored = _stored(run)
+                if signed_by and not stored.measured.team:  # its signature would fit in any team's folder
+                    raise ResultError(
+                        "it is signed, and names no team", file=run.path, hint="score it as a run of a team"
+                    )
                 made_under.setdefault(stored.provenance.rule_set, run)
                 result = _priced(stored, rule_set, run.path)
             else:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from decimal import Decimal
 
+from msgspec import UnsetType
+
 from ariac_score.report.figures import amount_text, rounded_points
 from ariac_score.results.result import Result
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
@@ -55,7 +57,15 @@ def open_sentence(result: Result, digits: int | None = None) -> str:
         return ""
     automatic = "automatic " if result.adjusted is not None else ""
     loosely = "" if interval.tight else "somewhere "
-    return f"the {automatic}score lies {loosely}{between(interval, digits)}; {which_counts(interval)}"
+    counts = f"{which_counts(interval)}{_not_the_team_s(interval)}"
+    return f"the {automatic}score lies {loosely}{between(interval, digits)}; {counts}"
+
+
+def _not_the_team_s(interval: ScoreInterval) -> str:
+    """What of it hangs on what was not recorded; empty where nothing does."""
+    if isinstance(interval.unseen, UnsetType) or interval.counts != "worst":
+        return ""
+    return f"; {amount_text(interval.unseen)} less for what was not recorded, no doing of the team"
 
 
 def narrowing_text(one: Narrowing, spoken: Callable[[str], str] = str) -> str:

@@ -303,6 +303,8 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     head = ["rank", "team", "name", "value", "execution", "judges", *columns, "remarks"]
     opened = any(standing.open for standing in ranking.standings)
     of_open = ["execution least", "execution most", "open rank low", "open rank high"] if opened else []
+    if opened:
+        of_open += [text_cell(f"{trial} {end}") for trial in ranking.trials for end in ("least", "most")]
     writer.writerow([*head, "rank low", "rank high", *added, *of_open])
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
@@ -333,7 +335,12 @@ def _ends_of(standing: TeamRank) -> list[str]:
     ends = standing.open
     assert ends is not None  # where one team has ends, all have
     ranks = ["" if rank is None else str(rank) for rank in (ends.best_rank, ends.worst_rank)]
-    return [f"{ends.execution.least:f}", f"{ends.execution.most:f}", *ranks]
+    cells = [
+        f"{end:f}"
+        for cell in standing.trials.values()
+        for end in ((cell.score, cell.score) if cell.open is None else (cell.open.least, cell.open.most))
+    ]
+    return [f"{ends.execution.least:f}", f"{ends.execution.most:f}", *ranks, *cells]
 
 
 def changes_text(before: Ranking, after: Ranking) -> Iterator[str]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ariac_score.report.figures import amount_text
+from ariac_score.results.result import Result
+from ariac_score.review.left_out import scores_with_an_event
 from ariac_score.trial.statements import NOBODY, Statement
 
-__all__ = ["rests_on"]
+__all__ = ["left_out", "rests_on"]
 
 _ORDER = ("work", "window", "set-up", "completeness")
 _OPEN = {"window": "window undecided", "completeness": "completeness not attested"}
@@ -20,6 +23,13 @@ def rests_on(statements: Iterable[Statement]) -> str:
     """
     in_order = sorted(statements, key=lambda one: (*_ORDER, one.fact).index(one.fact))
     return "; ".join(map(_one, in_order))
+
+
+def left_out(result: Result) -> str:
+    """The score with an event that the log does not hold; empty where nothing hangs on one."""
+    found = scores_with_an_event(result)
+    each = ", ".join(f"{amount_text(one.score)} with one of {one.check}" for one in found)
+    return f"were an event left out of the log, the score would have been {each}" if each else ""
 
 
 def _one(statement: Statement) -> str:

@@ -17,8 +17,9 @@ from ariac_score.report.places import Places
 from ariac_score.report.words import capital
 from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
+from ariac_score.results.safety import safety_checks
 from ariac_score.results.sketch import DrawnChart
-from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
+from ariac_score.review.task_and_safety import TaskAndSafety, task_and_safety
 from ariac_score.scoring.ledger import taken_by
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.scope import Scope

@@ -14,7 +14,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
 from ariac_score.report.openness import narrowing_text, open_sentence
 from ariac_score.report.places import Places
-from ariac_score.report.statements import rests_on
+from ariac_score.report.statements import left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
 from ariac_score.results.result import Result
@@ -336,6 +336,8 @@ def _origin(result: Result, style: Style) -> Iterator[str]:
         yield style(f"note: {note}", "dim")
     if said := rests_on(result.measured.statements):
         yield style(f"rests on: {plain(said)}", "dim")
+    if said := left_out(result):
+        yield style(f"not attested: {plain(said)}", "dim")
     for source in result.provenance.inputs:
         parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"
         yield style(f"{source.role}: {plain(source.name)}, sha256 {source.sha256[:16]}…{parts}", "dim")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import base64
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,10 @@ __all__ = [
     "ENDING",
     "Signed",
     "check_signature",
+    "keys_asked_for",
     "make_keys",
+    "refuse_unsigned",
+    "sign_file",
     "sign_result",
     "signature_file",
     "signed_text",
@@ -37,6 +40,8 @@ __all__ = [
 ENDING = ".minisig"
 _LARGEST_KEY_BYTES = 4096
 _LARGEST_SIGNATURE_BYTES = 16_384
+LARGEST_SIGNED_BYTES = 1 << 30
+"""The tables of a batch are larger than any result."""
 _MOST_COMMENT_CHARS = 1000
 _PRIVATE = 0o600
 
@@ -117,9 +122,18 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
         ResultError: The result is not whole.
         UsageError: The key cannot be used, or others may read it.
     """
-    library = _library()
     _refuse_damaged(result)
-    words = comment or f"file:{result.name}"
+    return sign_file(result, key, comment=comment, password=password)
+
+
+def sign_file(file: Path, key: Path, *, comment: str = "", password: Callable[[], str] = str) -> bytes:
+    """The signature of a file whose content the caller has checked; otherwise as `sign_result`.
+
+    Raises:
+        UsageError: The key cannot be used, or others may read it.
+    """
+    library = _library()
+    words = comment or f"file:{file.name}"
     if not words.isascii() or not words.isprintable() or len(words) > _MOST_COMMENT_CHARS:
         if comment:
             raise UsageError(
@@ -131,7 +145,7 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
     try:
         if secret.is_encrypted():
             secret.decrypt(password())
-        signature = secret.sign(read_plain(result, MAX_BYTES), prehash=True, trusted_comment=words)
+        signature = secret.sign(read_plain(file, LARGEST_SIGNED_BYTES), prehash=True, trusted_comment=words)
     except library.Error as cause:
         raise UsageError(f"the key cannot be used: {cause}", file=key, hint="check the password") from None
     finally:
@@ -234,11 +248,15 @@ def verify_signature(result: Path, public_key: str, signature: Path | None = Non
     try:
         if file.stat().st_size > _LARGEST_SIGNATURE_BYTES:
             raise ResultError("too large for a signature", file=file, hint=_SIGN_AGAIN)
-        raw, signed = read_plain(file, _LARGEST_SIGNATURE_BYTES), read_plain(result, MAX_BYTES)
+        raw, signed = read_plain(file, _LARGEST_SIGNATURE_BYTES), read_plain(result, LARGEST_SIGNED_BYTES)
     except OSError as cause:
-        missing = cause.filename or file
+        missing = Path(cause.filename or file)
+        unsigned = isinstance(cause, FileNotFoundError) and missing == file
         raise ResultError(
-            f"cannot be read: {cause.strerror}", file=missing, hint="name the signature with --signature FILE"
+            f"it is not signed: there is no {file.name}" if unsigned else f"cannot be read: {cause.strerror}",
+            file=result if unsigned else missing,
+            hint="ask for the signature; 'ariac-score sign' makes one, and 'verify --signature FILE' takes "
+            "one that lies elsewhere",
         ) from cause
     try:
         read = library.Signature.from_bytes(raw)
@@ -286,17 +304,68 @@ def _id_of(encoded: bytes) -> str:
     return f"{int.from_bytes(base64.b64decode(encoded)[2:10], 'little'):X}"
 
 
-def check_signature(result: Path, public_key: str, signature: Path | None = None) -> tuple[bool, str]:
-    """Whether a result is signed by the owner of a key, and in words what was found.
+def check_signature(
+    result: Path, public_key: str | Sequence[str], signature: Path | None = None
+) -> tuple[bool, str]:
+    """Whether a result is signed by the owner of a key, or of one of several, and in words what was found.
 
     Raises:
-        UsageError: The public key cannot be used.
+        UsageError: A public key cannot be used.
     """
     try:
-        signed = verify_signature(result, public_key, signature)
+        signed = refuse_unsigned(
+            result, [public_key] if isinstance(public_key, str) else public_key, signature
+        )
     except ResultError as error:
         return False, str(error)
-    return True, f"by key {signed.key_id}: {signed.comment}"
+    return True, "" if signed is None else f"by key {signed.key_id}: {signed.comment}"
+
+
+def keys_asked_for(configured: Sequence[str], given: str) -> tuple[str, ...]:
+    """The keys one of which must have signed: those that are configured, of which the given one may be one.
+
+    Args:
+        configured: As the competition, or its rules, name them; text, for a file could be replaced.
+        given: What the command line or a setting says: a key or its file; empty for nothing.
+
+    Raises:
+        UsageError: The given one is not among those that are configured, or is none.
+    """
+    if not given:
+        return tuple(configured)
+    key = _public_key(_library(), given).to_base64().decode("ascii")
+    if configured and key not in configured:
+        raise UsageError(
+            f"the organiser's key is {' or '.join(configured)}, not {key}",
+            hint="leave out --public-key, or change 'authority: {signed_by: …}' where the organiser did",
+        )
+    return (key,)
+
+
+def refuse_unsigned(file: Path, keys: Sequence[str], signature: Path | None = None) -> Signed | None:
+    """Refuse a file that no owner of one of the keys vouches for.
+
+    Args:
+        file: Any file.
+        keys: The keys; without any, everything passes.
+        signature: Its signature; by default next to it.
+
+    Returns:
+        The signature that holds; `None` where no key is asked for.
+
+    Raises:
+        ResultError: Nobody vouches for it.
+        UsageError: A key cannot be used.
+    """
+    refused: ResultError | None = None
+    for key in keys:
+        try:
+            return verify_signature(file, key, signature)
+        except ResultError as error:
+            refused = refused or error
+    if refused is not None:
+        raise refused
+    return None
 
 
 def _library() -> Any:

@@ -15,15 +15,18 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.contracts import GROUPS, Monitor, Reader, Rule, SignalNeed
+from ariac_score.checks.depth import DepthProfile
 from ariac_score.checks.finding_contract import margin_breach
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.in_gaps import IN_GAPS, in_gaps_of
 from ariac_score.checks.local import GivenPlugin
 from ariac_score.checks.registry import Registry
+from ariac_score.checks.when_cut import WHEN_CUT, when_cut_of
 from ariac_score.engine.ask import BUDGET_S, ask, ask_worlds, budget_of, margins_of
 from ariac_score.engine.signal_needs import needs_of, with_derived
 from ariac_score.errors import LogError, PluginError
@@ -38,6 +41,7 @@ from ariac_score.testing.contract_check import (
     snapshot,
     undocumented,
 )
+from ariac_score.testing.cut_contract import does_not_stay
 from ariac_score.testing.forced import forced_trials
 from ariac_score.testing.made import inhabited
 from ariac_score.testing.online_contract import OnlineChecks
@@ -128,6 +132,7 @@ class _Checked:
             ]
         else:
             named.append(("missing_submissions", "what is not recorded is not assumed", self.submissions))
+        named.append(("when_cut", "what it says of a log that is cut off is so", self.when_cut))
         named.append(("decides", "it was seen to decide, and to decide alike", self.decides))
         # By the name alone: a class with `begin` means to be online, and must keep all of that contract.
         if hasattr(self.check, "begin"):
@@ -332,6 +337,25 @@ class _Checked:
         if said == "blunt" and longer and silent and any(f.verdict is Verdict.SATISFIED for f in found):
             raise self.broken("says that a gap may hide anything, and is satisfied across two of 2 s")
 
+    def when_cut(self) -> None:
+        """What it says of a cut is so: in the given trial, and in one in which it is violated."""
+        says = when_cut_of(self.check)
+        if says not in WHEN_CUT:
+            raise self.broken(f"says that a cut leaves {says!r}; 'when_cut' is one of {', '.join(WHEN_CUT)}")
+        if says == "open":
+            return
+        violated = self._seen[0].get(Verdict.VIOLATED)
+        for trial in (self.trial, *([] if violated is None else [violated])):
+            lost = does_not_stay(
+                says,
+                self.ask(trial),
+                trial,
+                not isinstance(self.check, Monitor),
+                lambda part: self.ask(self._derive(part)),
+            )
+            if lost:
+                raise self.broken(f"says {says!r} of a cut ({WHEN_CUT[says]}), but {lost}")
+
     def _variants(self) -> Iterator[tuple[str, Callable[[], None]]]:
         for name in SIGNAL_VARIANTS:
             # Bound as a default: all lambdas of the loop share its variable.
@@ -366,17 +390,7 @@ class _Checked:
             Which verdict was never seen; empty when both were.
         """
         needs = needs_of(self.plugin, "contract", self.check)
-        seen: dict[Verdict, Trial | None] = {
-            verdict: None for verdict in _DECIDED if any(f.verdict is verdict for f in self.findings)
-        }
-        tried = 1
-        for trial in self._decisive_trials(needs):
-            if len(seen) == len(_DECIDED):
-                break
-            tried += 1
-            for verdict in {finding.verdict for finding in self.ask(trial)} - seen.keys():
-                if verdict in _DECIDED:
-                    seen[verdict] = trial
+        seen, tried = self._seen
         for verdict, made in seen.items():
             if made is not None:
                 self._alike_in(made, verdict)
@@ -392,6 +406,22 @@ class _Checked:
                 "which it does, as 'example_trials'"
             )
         return f"it was never {' nor '.join(unseen)} in {_trials(tried)}" if unseen else ""
+
+    @cached_property
+    def _seen(self) -> tuple[dict[Verdict, Trial | None], int]:
+        """In which trial each verdict was seen (`None`: the given one), and in how many it was looked for."""
+        seen: dict[Verdict, Trial | None] = {
+            verdict: None for verdict in _DECIDED if any(f.verdict is verdict for f in self.findings)
+        }
+        tried = 1
+        for trial in self._decisive_trials(needs_of(self.plugin, "contract", self.check)):
+            if len(seen) == len(_DECIDED):
+                break
+            tried += 1
+            for verdict in {finding.verdict for finding in self.ask(trial)} - seen.keys():
+                if verdict in _DECIDED:
+                    seen[verdict] = trial
+        return seen, tried
 
     def _decisive_trials(self, needs: Sequence[SignalNeed]) -> Iterator[Trial]:
         """Trials in which it may decide: those that it brings, then those made for any monitor."""
@@ -525,6 +555,8 @@ def _moved(finding: Finding, by_s: float) -> Finding:
         finding,
         span=None if span is None else replace(span, start_s=span.start_s + by_s, end_s=span.end_s + by_s),
         evidence=tuple(replace(sample, t_s=sample.t_s + by_s) for sample in finding.evidence),
+        profile=finding.profile
+        and replace(finding.profile, t_s=tuple(t + by_s for t in finding.profile.t_s)),
     )
 
 
@@ -571,9 +603,11 @@ def _alike(first: Finding, second: Finding) -> bool:
         "quantities": {},
         "units": {},
         "evidence": (),
+        "profile": None,
     }
     return (
         first.units == second.units
+        and _apart(first.profile, second.profile) < 1e-6
         and replace(first, **blank) == replace(second, **blank)
         and _words(first) == _words(second)
         and [name for name, _ in _numbers(first)] == [name for name, _ in _numbers(second)]
@@ -582,6 +616,16 @@ def _alike(first: Finding, second: Finding) -> bool:
             math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6)
             for (_, a), (_, b) in zip(_numbers(first), _numbers(second), strict=True)
         )
+    )
+
+
+def _apart(first: DepthProfile | None, second: DepthProfile | None) -> float:
+    """How far two profiles are apart: the integral of the difference of their depths, s."""
+    if first is None or second is None:
+        return 0.0 if first is second else math.inf
+    marks = sorted({*first.t_s, *second.t_s})
+    return sum(
+        (to_s - from_s) * abs(first.at(from_s) - second.at(from_s)) for from_s, to_s in pairwise(marks)
     )
 
 

@@ -112,7 +112,7 @@ def _facts(kind: str, name: str, written: str) -> dict[str, str]:
 
 def _taken() -> set[str]:
     """The names in the rule set that the new one extends; a check of such a name would replace that one."""
-    extended = load_rule_set("paper2020")
+    extended = load_rule_set("paper2020.published")
     terms = {name for level in extended.sheet.terms.values() for name in level}
     return {*extended.checks, *extended.sheet.parameters, *terms}
 

@@ -109,7 +109,9 @@ def test_apart_the_result_is_the_same_to_the_byte(
 def test_errors_and_their_exit_codes_come_through(
     rules: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main(["score", str(tmp_path / "nowhere"), "--rules", "paper2020", "--time-limit-s", "60"])
+    code = main(
+        ["score", str(tmp_path / "nowhere"), "--rules", "paper2020.published", "--time-limit-s", "60"]
+    )
 
     assert code == 5
     assert "nowhere" in capsys.readouterr().err
@@ -118,7 +120,7 @@ def test_errors_and_their_exit_codes_come_through(
 @pytest.mark.parametrize("limit", ["0", "-1", "soon", "inf", "nan"])
 def test_a_limit_that_is_none_is_refused(limit: str, log: str) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["score", log, "--rules", "paper2020", f"--time-limit-s={limit}"])
+        main(["score", log, "--rules", "paper2020.published", f"--time-limit-s={limit}"])
 
     assert ended.value.code == 4
 

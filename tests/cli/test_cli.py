@@ -30,7 +30,19 @@ def log(tmp_path: Path) -> Path:
 def stored(log: Path, tmp_path: Path) -> Path:
     result = tmp_path / "result.json"
     assert (
-        main(["score", str(log), "--rules", "paper2020", "--output-format", "json", "-o", str(result)]) == 0
+        main(
+            [
+                "score",
+                str(log),
+                "--rules",
+                "paper2020.published",
+                "--output-format",
+                "json",
+                "-o",
+                str(result),
+            ]
+        )
+        == 0
     )
     return result
 
@@ -53,7 +65,7 @@ def test_a_score_that_fails_leaves_an_older_result_alone(
 ) -> None:
     before = stored.read_bytes()
 
-    assert main(["score", "nowhere", "--rules", "paper2020", "-o", str(stored)]) == 5
+    assert main(["score", "nowhere", "--rules", "paper2020.published", "-o", str(stored)]) == 5
 
     assert stored.read_bytes() == before
     assert "no such file" in capsys.readouterr().err
@@ -119,19 +131,19 @@ def test_the_module_can_be_run_and_says_its_version() -> None:
 
 def test_a_pipe_that_closes_early_is_not_an_error() -> None:
     done = subprocess.run(
-        ["/bin/sh", "-c", f"{sys.executable} -m ariac_score.cli rules show paper2020 | head -n 1"],
+        ["/bin/sh", "-c", f"{sys.executable} -m ariac_score.cli rules show paper2020.published | head -n 1"],
         capture_output=True,
         text=True,
         check=False,
         cwd=ROOT,
     )
 
-    assert done.stdout.startswith("id: paper2020")
+    assert done.stdout.startswith("id: paper2020.published")
     assert "Traceback" not in done.stderr
 
 
 def test_colours_stay_away_from_anything_but_a_terminal(log: Path) -> None:
-    assert "\x1b" not in _run("score", log, "--rules", "paper2020").stdout
+    assert "\x1b" not in _run("score", log, "--rules", "paper2020.published").stdout
 
 
 def test_text_from_a_log_cannot_steer_the_terminal(
@@ -141,7 +153,7 @@ def test_text_from_a_log_cannot_steer_the_terminal(
     hostile = tmp_path / "b.jsonl"
     hostile.write_text(lines.replace("gear_part_red", "gear_\\u001b[31m_red"))
 
-    assert main(["score", str(hostile), "--rules", "paper2020"]) == 0
+    assert main(["score", str(hostile), "--rules", "paper2020.published"]) == 0
 
     out = capsys.readouterr().out
     assert "\x1b" not in out
@@ -261,13 +273,13 @@ def test_a_file_that_is_no_result_is_refused(
 def test_rules_are_listed_shown_and_validated(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rules", "list"]) == 0
     names = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
-    assert {"paper2020", "ariac2022.as_coded"} <= set(names)
+    assert {"paper2020.published", "ariac2022.as_coded"} <= set(names)
 
     assert main(["rules", "validate", *names]) == 0
     assert capsys.readouterr().out.count("sound") == len(names)
 
-    assert main(["rules", "show", "paper2020"]) == 0
-    assert capsys.readouterr().out == (ROOT / "rules/paper2020/ruleset.yaml").read_text()
+    assert main(["rules", "show", "paper2020.published"]) == 0
+    assert capsys.readouterr().out == (ROOT / "rules/paper2020/published.yaml").read_text()
 
 
 def test_plugins_are_listed_with_who_brought_them(capsys: pytest.CaptureFixture[str]) -> None:
@@ -275,12 +287,12 @@ def test_plugins_are_listed_with_who_brought_them(capsys: pytest.CaptureFixture[
 
     out = capsys.readouterr().out
     assert re.search(r"^monitors +iso_ts_15066.ssm_separation ", out, re.MULTILINE)
-    assert re.search(r"^rule_sets +paper2020 +ariac-score 0", out, re.MULTILINE)
+    assert re.search(r"^rule_sets +paper2020.published +ariac-score 0", out, re.MULTILINE)
     assert all("ariac-score 0." in line for line in out.splitlines() if " kitting." in line)
 
 
 def test_info_says_what_a_log_holds_and_what_could_be_decided(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", str(EXAMPLE), "--rules", "paper2020"]) == 0
+    assert main(["info", str(EXAMPLE), "--rules", "paper2020.published"]) == 0
 
     out = capsys.readouterr().out
     assert "/snapshot" in out
@@ -302,7 +314,7 @@ def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
     trial = kitting_trial(human=False)
     write_trial_log(tmp_path / "x.jsonl", trial, signals=["speed/robot"])
 
-    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
+    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020.published"]) == 0
     assert "separation           undecided: the log shows no human" in capsys.readouterr().out
 
 
@@ -318,7 +330,7 @@ score: 100 - 5 * count(near)
 
 def test_a_reader_that_goes_early_changes_no_code(tmp_path: Path) -> None:
     write_trial_log(tmp_path / "x.jsonl", kitting_trial(human=False), signals=["speed/robot"])
-    command = [sys.executable, "-m", "ariac_score.cli", "score", "x.jsonl", "--rules", "paper2020"]
+    command = [sys.executable, "-m", "ariac_score.cli", "score", "x.jsonl", "--rules", "paper2020.published"]
 
     with subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
@@ -340,7 +352,7 @@ def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
     assert "human human" in out
     assert "centre_distance/robot/human" in out
     assert "no order was found" not in out
-    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 0
+    assert main(["info", str(tmp_path / "x.jsonl"), "--rules", "paper2020.published"]) == 0
     out = capsys.readouterr().out
     assert "no order was found" in out
     assert "centre_distance/robot/human" in out
@@ -436,7 +448,7 @@ def test_a_slip_is_named_with_what_was_meant(
     assert capsys.readouterr().err.startswith(f"error: {said}")
 
 
-TAKES_RESULTS = ("report", "verify", "explain", "export", "price --rules paper2020", "sensitivity")
+TAKES_RESULTS = ("report", "verify", "explain", "export", "price --rules paper2020.published", "sensitivity")
 
 
 @pytest.mark.parametrize("command", TAKES_RESULTS)
@@ -476,7 +488,7 @@ def test_a_log_map_is_named_from_where_one_stands_and_a_rule_set_names_its_own_f
 
 
 def test_a_result_that_is_not_there_is_nothing_to_show(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in (["report"], ["verify"], ["explain"], ["price", "--rules", "paper2020"]):
+    for command in (["report"], ["verify"], ["explain"], ["price", "--rules", "paper2020.published"]):
         assert main([*command, "nothere.json"]) == 5
         assert "error: nothere.json: no such file" in capsys.readouterr().err
 
@@ -492,9 +504,9 @@ def test_a_slip_in_what_if_is_named_by_its_option(capsys: pytest.CaptureFixture[
 
 def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:
     for name in ("r.json", "r.txt"):
-        assert main(["score", str(log), "--rules", "paper2020", "-o", str(tmp_path / name)]) == 0
+        assert main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / name)]) == 0
     for form, name in (("text", "forced.json"), ("json", "forced.txt")):
-        arguments = ["score", str(log), "--rules", "paper2020", "--output-format", form]
+        arguments = ["score", str(log), "--rules", "paper2020.published", "--output-format", form]
         assert main([*arguments, "-o", str(tmp_path / name)]) == 0
 
     assert json.loads((tmp_path / "r.json").read_text())["score"] == 19.761677

@@ -30,10 +30,10 @@ def test_unequal_numbers_of_runs_without_a_declared_policy_are_said(
     for team, number in runs.items():
         for run in range(1, number + 1):
             (tmp_path / team / f"kit_{run}").mkdir(parents=True)
-    text = f"id: cup\nrules: paper2020\nruns: '{{team}}/{{trial}}_{{run}}'\n{more}\n"
+    text = f"id: cup\nrules: paper2020.published\nruns: '{{team}}/{{trial}}_{{run}}'\n{more}\n"
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
 
-    found = list(_said_beforehand(load_competition(tmp_path), load_rule_set("paper2020")))
+    found = list(_said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published")))
 
     assert [words[: len(begin)] for words, begin in zip(found, said, strict=True)] == said
 
@@ -46,7 +46,9 @@ def test_twelve_of_twelve_undecided_runs_give_no_ranks(
     for place in (f"{team}/k{trial}_1.jsonl" for team in "ab" for trial in range(6)):
         (tmp_path / place).parent.mkdir(exist_ok=True)
         write_trial_log(tmp_path / place, kitting_trial(), signals=kept)
-    rules = "{id: w, title: W, source: a test, extends: paper2020, log_map: ariac2020, open: withhold}"
+    rules = (
+        "{id: w, title: W, source: a test, extends: paper2020.published, log_map: ariac2020, open: withhold}"
+    )
     (tmp_path / "w.yaml").write_text(rules, encoding="utf-8")
     text = "{id: cup, rules: w.yaml, runs: '{team}/{trial}_{run}.jsonl'}"
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
@@ -61,9 +63,9 @@ def test_twelve_of_twelve_undecided_runs_give_no_ranks(
 def test_stored_results_are_said_not_to_be_compared_with_their_logs(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a/kit_1.json").write_text("{}", encoding="utf-8")
-    text = "{id: cup, rules: paper2020, runs: '{team}/{trial}_{run}.json'}"
+    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.json'}"
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
 
-    (words,) = _said_beforehand(load_competition(tmp_path), load_rule_set("paper2020"))
+    (words,) = _said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published"))
 
     assert words.startswith("1 of 1 runs are stored results")

@@ -39,7 +39,7 @@ def test_contents_are_left_out_in_competition_mode_and_the_reason_is_said(
         ("ariac2017.as_coded", ["/ariac/trays"]),
         ("ariac2018.as_coded", ["/ariac/shipping_boxes"]),
         ("ariac2019.as_coded", ["/ariac/trays"]),
-        ("paper2020", ["/ariac/trays"]),
+        ("paper2020.published", ["/ariac/trays"]),
         ("ariac2021.finals_as_coded", ["/ariac/trays", "/ariac/briefcases"]),
         ("ariac2022.as_coded", ["/ariac/trays", "/ariac/briefcases"]),
     ):
@@ -65,7 +65,7 @@ def test_what_decides_a_score_is_in_every_command(subtests: pytest.Subtests, cap
             plan = Plan(recording.plan(forward=True))
             assert bool(plan.forwards) == (name not in ("ariac2017", "ariac2018", "aic2026"))
             assert set(plan.left_out) == set(recording.left_out)
-    line = bag_line(said(capsys, "--rules", "paper2020"))
+    line = bag_line(said(capsys, "--rules", "paper2020.published"))
     assert {"/snapshot", "/tf_static", "/ariac/orders", *OWN_TOPICS} <= set(line)
 
 
@@ -85,7 +85,18 @@ def test_each_release_of_ros_gets_options_that_it_has(capsys: Capture) -> None:
 
 def test_the_plan_is_written_beside_the_recording(tmp_path: Path, capsys: Capture) -> None:
     output = tmp_path / "final_3"
-    text = said(capsys, "--rules", "paper2020", "-o", str(output), "--team", "a", "--trial", "3", "--forward")
+    text = said(
+        capsys,
+        "--rules",
+        "paper2020.published",
+        "-o",
+        str(output),
+        "--team",
+        "a",
+        "--trial",
+        "3",
+        "--forward",
+    )
     assert f"rosrun ariac_score_recorder recorder --plan {output}.plan.json --out {output}" in text
     plan = json.loads(Path(f"{output}.plan.json").read_text())
     assert (plan["team"], plan["trial"]) == ("a", "3")
@@ -123,12 +134,12 @@ def test_a_log_map_of_ones_own_adds_its_topics(tmp_path: Path, capsys: Capture) 
         "id: ours\ntitle: ours\nsource: us\nextends: ariac2020\nchannels:\n"
         "  - {topic: /lab/person, poses: frames}\n"
     )
-    line = bag_line(said(capsys, "--rules", "paper2020", "--log-map", str(log_map)))
+    line = bag_line(said(capsys, "--rules", "paper2020.published", "--log-map", str(log_map)))
     assert {"/lab/person", "/snapshot"} <= set(line)
 
 
 def test_what_cannot_be_recorded_is_refused(tmp_path: Path, capsys: Capture) -> None:
-    refused = said(capsys, "--rules", "paper2020", "--mode", "dvelopment", code=4)
+    refused = said(capsys, "--rules", "paper2020.published", "--mode", "dvelopment", code=4)
     assert "did you mean 'development'" in refused
     log_map = tmp_path / "ours.yaml"
     log_map.write_text("id: ours\ntitle: t\nsource: s\nchannels: [{topic: /a, poses: frames}]\n")
@@ -139,7 +150,7 @@ def test_what_cannot_be_recorded_is_refused(tmp_path: Path, capsys: Capture) -> 
     assert "say --ros 1 or the release of ROS 2" in said(capsys, "--rules", str(rules), code=4)
     assert bag_line(said(capsys, "--rules", str(rules), "--ros", "humble"))[:3] == ["ros2", "bag", "record"]
     missing = str(tmp_path / "no_folder" / "trial")
-    assert "cannot be written" in said(capsys, "--rules", "paper2020", "-o", missing, code=4)
+    assert "cannot be written" in said(capsys, "--rules", "paper2020.published", "-o", missing, code=4)
 
 
 def test_running_ends_the_bag_after_the_recorder(
@@ -156,14 +167,29 @@ def test_running_ends_the_bag_after_the_recorder(
     )
     for file in (bag, recorder):
         file.chmod(0o755)
-    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 0
+    assert main(["record", "--rules", "paper2020.published", "-o", str(tmp_path / "trial"), "--run"]) == 0
     assert Path(f"{bag}.said").read_text().split() == ["ended", "closed"]
+    # The program that starts it may end before the one that writes the bag, as `rosbag record` does.
+    writes = tmp_path / "writes"
+    writes.write_text(
+        f"#!/bin/sh\ntrap 'sleep 0.3; echo late >> {bag}.said; exit 0' INT\n"
+        f"touch {bag}.up\nwhile :; do sleep 0.05; done\n"
+    )
+    writes.chmod(0o755)
+    Path(f"{bag}.up").unlink()
+    # A shell would have what it starts in the background ignore the signal.
+    bag.write_text(
+        f"#!{sys.executable}\nimport subprocess, sys\nchild = subprocess.Popen(['{writes}'])\n"
+        "try:\n    child.wait()\nexcept KeyboardInterrupt:\n    sys.exit(1)\n"
+    )
+    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 0
+    assert Path(f"{bag}.said").read_text().split() == ["ended", "closed", "ended", "late"]
     # A recorder that refuses, and a bag that ends too early, are said.
     recorder.write_text("#!/bin/sh\nexit 5\n")
-    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
+    assert main(["record", "--rules", "paper2020.published", "-o", str(tmp_path / "trial"), "--run"]) == 4
     assert "the recorder ended with code 5" in capfd.readouterr().err
     # Not before its trap is set: a shell that is just starting may lose the signal.
     bag.write_text(f"#!/bin/sh\nwhile [ ! -e {recorder}.up ]; do sleep 0.01; done\nexit 1\n")
     recorder.write_text("#!/bin/sh\ntrap 'exit 0' INT\ntouch $0.up\nwhile :; do sleep 0.05; done\n")
-    assert main(["record", "--rules", "paper2020", "-o", str(tmp_path / "trial"), "--run"]) == 4
+    assert main(["record", "--rules", "paper2020.published", "-o", str(tmp_path / "trial"), "--run"]) == 4
     assert "the bag ended with code 1" in capfd.readouterr().err

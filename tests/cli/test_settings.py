@@ -34,23 +34,23 @@ def _taken(folder: Path, command: str, environment: dict[str, str] | None = None
 def test_a_score_by_settings_has_the_bytes_of_one_by_options(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / FILE).write_text('rules = "paper2020"\n[score]\noutput-format = "json"\n')
+    (folder / FILE).write_text('rules = "paper2020.published"\n[score]\noutput-format = "json"\n')
 
     assert main(["score", str(EXAMPLE)]) == 0
     out, err = capsys.readouterr()
-    assert main(["score", str(EXAMPLE), "--rules", "paper2020", "--output-format", "json"]) == 0
+    assert main(["score", str(EXAMPLE), "--rules", "paper2020.published", "--output-format", "json"]) == 0
     by_options = capsys.readouterr()
 
     assert json.loads(out)["score"] == 19.761677
     assert out == by_options.out
-    assert err == "rules: paper2020 (../ariac-score.toml, line 1)\n"  # never in silence
+    assert err == "rules: paper2020.published (../ariac-score.toml, line 1)\n"  # never in silence
     assert by_options.err == ""
 
 
 def test_a_rule_set_beside_the_file_is_found_from_anywhere_and_leaves_no_trace_of_the_place(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / "ours.yaml").write_text("id: ours\ntitle: Ours\nsource: us\nextends: paper2020\n")
+    (folder / "ours.yaml").write_text("id: ours\ntitle: Ours\nsource: us\nextends: paper2020.published\n")
     (folder / FILE).write_text('rules = "ours.yaml"\noutput-format = "json"\n')
 
     assert main(["-q", "score", str(EXAMPLE)]) == 0
@@ -65,16 +65,16 @@ def test_a_rule_set_beside_the_file_is_found_from_anywhere_and_leaves_no_trace_o
 def test_the_command_line_comes_before_the_environment_and_that_before_a_file(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / FILE).write_text('rules = "paper2020"\n')
+    (folder / FILE).write_text('rules = "paper2020.published"\n')
     monkeypatch.setenv("ARIAC_SCORE_RULES", "ariac2020.as_coded")
 
     assert main(["check", str(EXAMPLE)]) == 0
     out, err = capsys.readouterr()
     assert "can be scored under ariac2020.as_coded" in out
     assert err == "rules: ariac2020.as_coded (ARIAC_SCORE_RULES)\n"
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020"]) == 0
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published"]) == 0
     out, err = capsys.readouterr()
-    assert "can be scored under paper2020" in out
+    assert "can be scored under paper2020.published" in out
     assert err == ""
 
 
@@ -107,23 +107,23 @@ def test_a_file_can_be_named_or_left_out(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / FILE).write_text("this is no TOML")
-    (folder / "other.toml").write_text('rules = "paper2020"\n')
+    (folder / "other.toml").write_text('rules = "paper2020.published"\n')
 
     assert main(["check", str(EXAMPLE), "--config", "../other.toml"]) == 0
     assert main(["--config=../other.toml", "check", str(EXAMPLE)]) == 0
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020", "--no-config"]) == 0
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published", "--no-config"]) == 0
     monkeypatch.setenv("ARIAC_SCORE_CONFIG", "../other.toml")
     assert main(["check", str(EXAMPLE)]) == 0
     capsys.readouterr()
     monkeypatch.delenv("ARIAC_SCORE_CONFIG")
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020"]) == 4
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published"]) == 4
     assert "../ariac-score.toml: line 1: not TOML" in capsys.readouterr().err
 
 
 def test_verbose_says_where_every_setting_comes_from_and_quiet_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / FILE).write_text('rules = "paper2020"\n\n[score]\njobs = 1\n')
+    (folder / FILE).write_text('rules = "paper2020.published"\n\n[score]\njobs = 1\n')
 
     assert main(["score", "-v", str(EXAMPLE)]) == 0
     loud = capsys.readouterr()
@@ -131,7 +131,7 @@ def test_verbose_says_where_every_setting_comes_from_and_quiet_nothing(
     quiet = capsys.readouterr()
 
     assert loud.err.splitlines() == [
-        "rules: paper2020 (../ariac-score.toml, line 1)",
+        "rules: paper2020.published (../ariac-score.toml, line 1)",
         "jobs: 1 (../ariac-score.toml, line 4)",
         "file of settings: ../ariac-score.toml",
     ]
@@ -165,7 +165,7 @@ def test_what_is_no_setting_is_refused_with_its_line_and_what_was_meant(
     cause, hint = REFUSED[text]
     (folder / FILE).write_text(text)
 
-    assert main(["score", str(EXAMPLE), "--rules", "paper2020"]) == 4
+    assert main(["score", str(EXAMPLE), "--rules", "paper2020.published"]) == 4
 
     out, err = capsys.readouterr()
     assert out == ""
@@ -186,7 +186,7 @@ def test_what_the_option_would_refuse_is_refused_with_its_place(
 ) -> None:
     (folder / FILE).write_text(text)
 
-    assert main(["score", str(EXAMPLE), "--rules", "paper2020"]) == 4
+    assert main(["score", str(EXAMPLE), "--rules", "paper2020.published"]) == 4
     assert capsys.readouterr().err.startswith(f"error: ../{FILE}, line 1: {cause}")
 
 
@@ -195,9 +195,9 @@ def test_a_format_that_only_other_commands_know_is_left_to_them(
 ) -> None:
     (folder / FILE).write_text('output-format = "junit"\n')
 
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020"]) == 0
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published"]) == 0
     assert "can be scored" in capsys.readouterr().out
-    assert main(["score", str(EXAMPLE), "--rules", "paper2020"]) == 0
+    assert main(["score", str(EXAMPLE), "--rules", "paper2020.published"]) == 0
     assert capsys.readouterr().out.startswith("<?xml")
 
 
@@ -206,14 +206,14 @@ def test_a_table_for_the_command_itself_must_name_a_format_it_knows(
 ) -> None:
     (folder / FILE).write_text('[check]\noutput-format = "junit"\n')
 
-    assert main(["check", str(EXAMPLE), "--rules", "paper2020"]) == 4
+    assert main(["check", str(EXAMPLE), "--rules", "paper2020.published"]) == 4
     assert "output-format cannot be 'junit'" in capsys.readouterr().err
 
 
 def test_two_files_in_one_folder_contradict_each_other(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (folder / FILE).write_text('rules = "paper2020"\n')
+    (folder / FILE).write_text('rules = "paper2020.published"\n')
     (folder / "pyproject.toml").write_text('[tool.ariac-score]\nrules = "ariac2020.as_coded"\n')
 
     assert main(["score", str(EXAMPLE)]) == 4
@@ -241,7 +241,7 @@ def test_a_number_of_the_environment_that_is_none_is_refused(
 ) -> None:
     monkeypatch.setenv("ARIAC_SCORE_JOBS", "many")
 
-    assert main(["score", "x", "--rules", "paper2020"]) == 4
+    assert main(["score", "x", "--rules", "paper2020.published"]) == 4
     assert "ARIAC_SCORE_JOBS: 'many' is no number" in capsys.readouterr().err
 
 
@@ -270,7 +270,7 @@ def test_a_file_beside_a_log_sets_nothing_and_runs_nothing(
     (handed_in / FILE).write_text('rules = "./theirs.yaml"\n')
     (handed_in / "theirs.yaml").write_text("this would be refused if it were read")
 
-    assert main(["score", str(handed_in / "run.mcap"), "--rules", "paper2020"]) == 0
+    assert main(["score", str(handed_in / "run.mcap"), "--rules", "paper2020.published"]) == 0
     assert capsys.readouterr().err == ""
 
 

@@ -451,7 +451,7 @@ def test_nothing_lies_where_the_system_refuses_the_name(tmp_path: Path) -> None:
 def test_a_decimal_comma_is_refused_by_its_place(tmp_path: Path) -> None:
     file = tmp_path / "rules.yaml"
     file.write_text(
-        "id: mine\ntitle: t\nsource: s\nextends: paper2020\n"
+        "id: mine\ntitle: t\nsource: s\nextends: paper2020.published\n"
         "rules: {pose: {use: kitting.pose, with: {max_distance_m: 0,03}}}\n"
     )
     with pytest.raises(RuleSetError, match=r"line 5.*has no parameter 3"):

@@ -48,7 +48,7 @@ TAKES_JSON = (
     f"verify {RESULT} --public-key {{}}",
     "report {}",
     "explain {} score",
-    "price {} --rules paper2020",
+    "price {} --rules paper2020.published",
     "adjust {}",
     "export {}",
     "sensitivity {}",
@@ -56,18 +56,31 @@ TAKES_JSON = (
     "sign {} --key {}",
     f"score {LOG} --rules ariac2024.official --cohort {{}}",
     "merge whole {}",
+    "verify {} --log competition.yaml",
+    "report {} -o site",
+    "export {} --table checks",
 )
 TAKES_YAML = (
     f"verify {RESULT} --rules {{}}",
     f"score {LOG} --rules {{}}",
-    f"score {LOG} --rules paper2020 --log-map {{}}",
-    f"score {LOG} --rules paper2020 --trial-config {{}}",
-    f"score {LOG} --rules paper2020 --config {{}}",
+    f"score {LOG} --rules paper2020.published --log-map {{}}",
+    f"score {LOG} --rules paper2020.published --trial-config {{}}",
+    f"score {LOG} --rules paper2020.published --config {{}}",
     f"adjust {RESULT} {{}}",
     "rules show {}",
     "rules prove {}",
     "rank {}",
-    "batch {} --rules paper2020 -o season",
+    "batch {} --rules paper2020.published -o season",
+    "rules check {}",
+    "rules validate {}",
+    "rules diff {} paper2020",
+    f"redteam {LOG} --rules {{}}",
+    f"check {LOG} --rules {{}}",
+    f"info {LOG} --rules {{}}",
+    "record --rules {}",
+    f"watch {LOG} --rules {{}}",
+    "oracle --rules {} --port 0",
+    "rank {} --design 5",
 )
 
 
@@ -86,3 +99,52 @@ def test_what_is_no_plain_file_or_too_large_gets_one_message_from_every_command(
             assert code in (4, 5, 6), (call, code, err)
             assert err.count("error:") == 1, (call, err)
             assert "MemoryError" not in err
+
+
+TAKES_A_LOG = (
+    "score {} --rules paper2020",
+    "check {} --rules paper2020",
+    "info {}",
+    "map {}",
+    "redteam {} --rules paper2020",
+    "rules prove paper2020 --cases 0 --tries 1 --log {}",
+    "watch {} --rules paper2020 --patience-s 2",
+    "watch replay:{} --rules paper2020",
+    f"verify {RESULT} --log {{}}",
+    "audit {}",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_what_is_no_recording_holds_up_no_command(
+    kind: str, odd: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(odd)
+    os.mkfifo("pipe.mcap")
+    Path("device.mcap").symlink_to("/dev/zero")
+    for call in TAKES_A_LOG:
+        code = main(call.replace("{}", f"{kind}.mcap").split())
+
+        err = capsys.readouterr().err
+        assert code in (4, 5, 6), (call, code, err)
+        assert err.count("error:") == 1, (call, err)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("platform", "name"),
+    [
+        ("codabench", "pipe.yaml"),
+        ("codabench", "device.yaml"),
+        ("evalai", "pipe.yaml"),
+        ("evalai", "device.yaml"),
+        ("evalai", "large.yaml"),
+    ],
+)
+def test_the_checks_of_platforms_name_what_is_no_plain_file(
+    platform: str, name: str, odd: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["platform", platform, "check", str(odd / name)]) != 0
+    said = capsys.readouterr()
+    assert name in said.out + said.err

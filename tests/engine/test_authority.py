@@ -99,9 +99,11 @@ def test_what_is_left_out_does_not_raise_the_score_that_counts(
     records: Records, tmp_path: Path, attack: Attack
 ) -> None:
     honest = attack.honest(records)
-    assert score_trial(log_of(honest, tmp_path / "honest.jsonl"), "paper2020").score == Decimal(attack.score)
+    assert score_trial(log_of(honest, tmp_path / "honest.jsonl"), "paper2020.published").score == Decimal(
+        attack.score
+    )
 
-    found = score_trial(log_of(attack.attacked(honest), tmp_path / "attacked.jsonl"), "paper2020")
+    found = score_trial(log_of(attack.attacked(honest), tmp_path / "attacked.jsonl"), "paper2020.published")
 
     assert found.is_open
     assert (found.score or 0) <= Decimal(attack.score)
@@ -112,13 +114,15 @@ def test_what_is_left_out_does_not_raise_the_score_that_counts(
 def test_what_happens_outside_the_competition_costs_nothing(records: Records, tmp_path: Path) -> None:
     outside = at(at(records, event(0.2, "arm_collision")), event(39.0, "arm_collision"))
 
-    assert score_trial(log_of(outside, tmp_path / "run.jsonl"), "paper2020").score == HONEST
+    assert score_trial(log_of(outside, tmp_path / "run.jsonl"), "paper2020.published").score == HONEST
 
 
 def test_rules_may_take_the_recording_for_the_competition(records: Records, tmp_path: Path) -> None:
     bare = [r for r in records if not r.get("kind", "").startswith("competition_")]
     rules = tmp_path / "rules.yaml"
-    rules.write_text("extends: paper2020\nid: ours\ntitle: Ours\nsource: here\nwindow: recording\n", "utf-8")
+    rules.write_text(
+        "extends: paper2020.published\nid: ours\ntitle: Ours\nsource: here\nwindow: recording\n", "utf-8"
+    )
 
     found = score_trial(log_of(bare, tmp_path / "run.jsonl"), rules)
 
@@ -182,7 +186,7 @@ def season(records: Records, folder: Path, case: Season) -> Result | ScoreError:
         (folder / "trials/trial.yaml").write_text(case.organisers, encoding="utf-8")
     if case.brought:
         (run / "trial.yaml").write_text(case.brought, encoding="utf-8")
-    head = "id: season\nrules: paper2020\nruns: logs/{team}/{trial}_{run}\n"
+    head = "id: season\nrules: paper2020.published\nruns: logs/{team}/{trial}_{run}\n"
     (folder / "competition.yaml").write_text(head + configs + case.authority, encoding="utf-8")
     competition = load_competition(folder)
     (result,) = score_runs(competition, load_rule_set(competition.rules)).values()
@@ -233,7 +237,7 @@ def test_through_every_door_both_files_are_named(
     assert isinstance(found, ContradictionError)
     run, given = tmp_path / "logs/team/trial_1", tmp_path / "trials/trial.yaml"
     doors = {
-        "score": ["score", str(run), "--rules", "paper2020", "--trial-config", str(given)],
+        "score": ["score", str(run), "--rules", "paper2020.published", "--trial-config", str(given)],
         "rank": ["rank", str(tmp_path)],
         "batch": ["batch", str(tmp_path), "-o", str(tmp_path / "results"), "-j", "1"],
     }
@@ -251,7 +255,7 @@ def test_whoever_scores_his_own_folder_needs_one_command_and_sees_whose_orders_t
 ) -> None:
     log_of(without_orders(records), tmp_path / "run.jsonl")
     (tmp_path / "trial.yaml").write_text(ORGANISERS, encoding="utf-8")
-    found = score_trial(tmp_path, "paper2020")
+    found = score_trial(tmp_path, "paper2020.published")
 
     assert found.score == HONEST
     (work,) = (s for s in found.measured.statements if s.fact == "work")
@@ -260,14 +264,14 @@ def test_whoever_scores_his_own_folder_needs_one_command_and_sees_whose_orders_t
     easier = tmp_path.parent / f"{tmp_path.name}.yaml"
     easier.write_text(EASIER, encoding="utf-8")
     with pytest.raises(ContradictionError, match="gear_part_green"):
-        score_trial(tmp_path, "paper2020", also=[easier])
+        score_trial(tmp_path, "paper2020.published", also=[easier])
 
 
 def test_a_result_is_not_priced_again_on_a_word_that_the_rules_do_not_take(
     records: Records, tmp_path: Path
 ) -> None:
     bare = [r for r in records if not r.get("kind", "").startswith("competition_")]
-    rules = load_rule_set("paper2020")
+    rules = load_rule_set("paper2020.published")
     recording, attested = (
         rule_set_from_text(f"{expanded_yaml(rules)}\n{more}\n", file="ours.yaml")
         for more in ("window: recording", "window: recording\ncompleteness: attested")

@@ -196,7 +196,7 @@ def test_two_distributions_that_declare_one_quantity_in_other_units_are_refused_
         prepare(str(rules))
     assert refused.value.file == str(rules)
     # It stops only what uses it.
-    assert prepare("paper2020").rule_set.id == "paper2020"
+    assert prepare("paper2020.published").rule_set.id == "paper2020.published"
     assert any("'cm'" in ailment.problem for ailment in ailments())
 
 
@@ -251,7 +251,7 @@ def test_what_is_no_quantity_is_named_when_it_is_used_and_not_before(
 ) -> None:
     install("odd-score", {"height": "H"}, source=source, group=QUANTITY)
 
-    assert prepare("paper2020").rule_set.id == "paper2020"
+    assert prepare("paper2020.published").rule_set.id == "paper2020.published"
     with pytest.raises(PluginError, match=r"height \(odd-score 1\.0\)"):
         QUANTITIES.get("height")
 
@@ -323,7 +323,7 @@ def test_the_distributions_of_quantities_and_derived_signals_stand_in_the_result
     }
     # To the byte again, and with nothing of it for rules that do not ask.
     assert as_json(score_trial(log(tmp_path, **UP_AND_DOWN), str(rules))) == as_json(result)
-    assert {plugin.distribution for plugin in prepare("paper2020").plugins} == {"ariac-score"}
+    assert {plugin.distribution for plugin in prepare("paper2020.published").plugins} == {"ariac-score"}
 
 
 @pytest.mark.parametrize(

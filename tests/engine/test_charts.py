@@ -17,7 +17,7 @@ from ariac_score.testing import NEAR_MISS
 from ariac_score_ariac.testing import kitting_trial
 
 TRIAL = kitting_trial()
-RULES = load_rule_set("paper2020")
+RULES = load_rule_set("paper2020.published")
 REGISTRY = Registry()
 PLUGIN: Plugin = REGISTRY.find("ariac_score.monitors", "iso_ts_15066.ssm_separation")
 

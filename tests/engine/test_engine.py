@@ -50,7 +50,7 @@ DATA = Path(__file__).parents[1] / "data"
 
 LAWS = settings(max_examples=50, derandomize=True, deadline=None)
 REGISTRY = Registry()
-PAPER = load_rule_set("paper2020")
+PAPER = load_rule_set("paper2020.published")
 PREPARED = prepare(PAPER, registry=REGISTRY)
 TRIAL = kitting_trial()
 
@@ -885,7 +885,7 @@ def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_co
     )
     events = (Event(3.0, "order_announced", "first"), Event(20.0, "order_announced", "first_update_0"))
     trial = Trial("t", orders, events=events)
-    measured = measure_trial(trial, prepare("paper2020").only([]))
+    measured = measure_trial(trial, prepare("paper2020.published").only([]))
 
     assert {scope.path: scope.facts["index"] for scope in measured.scopes.inner} == {
         "first": 0,
@@ -897,7 +897,7 @@ def test_orders_are_numbered_as_they_were_announced_and_those_never_announced_co
 
 def test_where_no_announcement_is_known_orders_are_numbered_as_listed() -> None:
     trial = Trial("t", (Order("b"), Order("a")))
-    measured = measure_trial(trial, prepare("paper2020").only([]))
+    measured = measure_trial(trial, prepare("paper2020.published").only([]))
 
     assert [scope.facts["index"] for scope in measured.scopes.inner] == [0, 1]
 

@@ -98,9 +98,18 @@ def test_g6_a_second_at_most_is_spent_too_near() -> None:
     assert 9.0 - 0.003 < float(found.least) <= 9.0
 
 
+def test_what_the_recorder_lost_is_said_apart_from_what_the_team_did() -> None:
+    """By the samples alone nobody was too near; the score is lower for the gap by what it is lower at all."""
+    found = interval("10 - seconds(near)")
+
+    assert found.unseen == found.most - found.least
+
+
 def test_one_gap_that_two_monitors_see_is_one_cause_and_not_paid_twice() -> None:
     """It hides a breach and, 0.4 m deeper, what counts as a contact; one event is charged once."""
-    (narrowing,) = interval("10 - charged(near=1, contact=4, again_after_s=5)", contact_m=0.6).narrowing
+    (narrowing,) = interval(
+        "10 - charged(near=1, contact=4, again_after_s=5, severity=0)", contact_m=0.6
+    ).narrowing
 
     assert narrowing.cause == "a gap of 3000 ms on /scanner"
     assert narrowing.checks == ("contact", "near")
@@ -108,6 +117,15 @@ def test_one_gap_that_two_monitors_see_is_one_cause_and_not_paid_twice() -> None
     # nearer than 1 m for 1 s. The contact weighs 5.2 s at 4, the breach alone 0.4 s before it.
     both = (4 * 5.2 + 1 * 0.4) / 5
     assert float(narrowing.at_most or 0) == pytest.approx(both + 0.4 / 5, abs=0.1)
+
+
+def test_each_of_two_people_whom_a_gap_hides_is_charged_in_the_worst_world() -> None:
+    score = "20 - charged(near=1, again_after_s=5)"
+    one, two = interval(score), interval(score, topics=("/scanner", "/lidar"))
+
+    assert 0 < 20 - one.least < 20
+    assert float(20 - two.least) == pytest.approx(2 * float(20 - one.least), abs=2e-6)  # each rounded
+    assert one.most == two.most == 20
 
 
 def test_what_would_narrow_it_stands_by_source_most_first() -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import lz4.frame
 import pytest
+from backports import zstd
 
 from ariac_score import LogError, Result, Trial, Verdict, load_result, score_trial
 from ariac_score.errors import CutOffError
@@ -80,7 +81,7 @@ class Whole:
         return file
 
     def scored(self, log: Path) -> Result:
-        return score_trial(log, "paper2020", partial=True, also=[self.config], root=log.parent)
+        return score_trial(log, "paper2020.published", partial=True, also=[self.config], root=log.parent)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Whole]:
             config = folder / "trial.yaml"
             config.write_text(configuration(trial))
             log = write_log(folder / name, trial)
-            found = ends(score_trial(log, "paper2020", also=[config], root=folder))
+            found = ends(score_trial(log, "paper2020.published", also=[config], root=folder))
             assert found is not None
             known[name] = Whole(log, config, found)
         return known[name]
@@ -115,7 +116,7 @@ def test_a_log_that_is_cut_off_is_refused_and_the_hint_names_the_option(
     whole: Callable[[str], Whole], tmp_path: Path
 ) -> None:
     with pytest.raises(CutOffError) as refused:
-        score_trial(whole("trial.jsonl").cut(0.5, tmp_path), "paper2020")
+        score_trial(whole("trial.jsonl").cut(0.5, tmp_path), "paper2020.published")
 
     assert "--partial" in refused.value.hint
     assert refused.value.exit_code == 6
@@ -170,7 +171,7 @@ def test_a_log_that_is_cut_off_behind_the_end_of_the_competition_lacks_nothing(
 def test_without_a_configuration_nothing_says_what_else_was_asked_for(
     whole: Callable[[str], Whole], tmp_path: Path
 ) -> None:
-    result = score_trial(whole("trial.jsonl").cut(0.15, tmp_path), "paper2020", partial=True)
+    result = score_trial(whole("trial.jsonl").cut(0.15, tmp_path), "paper2020.published", partial=True)
 
     assert (result.status, result.score, result.interval) == ("incomplete", None, None)
     assert "what was asked for is known from the log alone" in result.missing
@@ -181,7 +182,7 @@ def test_a_log_of_which_less_than_a_second_is_left_is_refused(
     whole: Callable[[str], Whole], tmp_path: Path
 ) -> None:
     with pytest.raises(LogError, match="too little of it can be read"):
-        score_trial(whole("trial.jsonl").cut(0.02, tmp_path), "paper2020", partial=True)
+        score_trial(whole("trial.jsonl").cut(0.02, tmp_path), "paper2020.published", partial=True)
 
 
 def test_a_log_that_is_sorted_by_topic_is_refused_for_nobody_knows_when_what_is_lost_was(
@@ -193,7 +194,7 @@ def test_a_log_that_is_sorted_by_topic_is_refused_for_nobody_knows_when_what_is_
     log.write_bytes(data[: int(len(data) * 0.8)])
 
     with pytest.raises(LogError, match="does not stand in order of time"):
-        score_trial(log, "paper2020", partial=True)
+        score_trial(log, "paper2020.published", partial=True)
 
 
 def _split(folder: Path, trial: Trial) -> Iterator[Path]:
@@ -215,11 +216,32 @@ def test_a_folder_that_a_killed_recorder_left_without_metadata_is_read_in_order(
     files[-1].write_bytes(files[-1].read_bytes()[:-3000])
 
     with pytest.raises(CutOffError, match=r"no metadata.yaml: its recorder was killed"):
-        score_trial(folder, "paper2020")
-    result = score_trial(folder, "paper2020", partial=True, also=[tmp_path / "trial.yaml"], root=tmp_path)
+        score_trial(folder, "paper2020.published")
+    result = score_trial(
+        folder, "paper2020.published", partial=True, also=[tmp_path / "trial.yaml"], root=tmp_path
+    )
 
     assert result.measured.cut is not None
     assert result.measured.cut.until_s == pytest.approx(39.0, abs=0.5)
+
+
+@pytest.mark.parametrize("suffix", [".zstd", ".zst"])
+def test_a_compressed_file_without_its_folder_is_read_and_in_part_where_that_is_asked_for(
+    tmp_path: Path, suffix: str
+) -> None:
+    plain = write_log(tmp_path / "run.mcap", kitting_trial())
+    packed = tmp_path / f"run.mcap{suffix}"
+    packed.write_bytes(zstd.compress(plain.read_bytes()))
+    cut = tmp_path / f"cut.mcap{suffix}"
+    cut.write_bytes(packed.read_bytes()[: -packed.stat().st_size // 4])
+
+    whole, named = (score_trial(path, "paper2020") for path in (packed, plain))
+    part = score_trial(cut, "paper2020", partial=True)
+
+    assert (whole.score, whole.measured.trial) == (named.score, "run")
+    assert part.measured.cut is not None
+    with pytest.raises(CutOffError, match=r"zstd data ends early.*cut.mcap"):
+        score_trial(cut, "paper2020")
 
 
 def test_changes_that_a_killed_recorder_left_beside_a_database_are_settled_in_a_copy(tmp_path: Path) -> None:
@@ -236,9 +258,11 @@ def test_changes_that_a_killed_recorder_left_beside_a_database_are_settled_in_a_
     before = {file.name: file.read_bytes() for file in tmp_path.glob("trial.db3*")}
 
     with pytest.raises(CutOffError, match=r"trial\.db3-wal holds changes"):
-        score_trial(tmp_path / "trial.db3", "paper2020")
+        score_trial(tmp_path / "trial.db3", "paper2020.published")
     given = [tmp_path / "trial.yaml"]
-    result = score_trial(tmp_path / "trial.db3", "paper2020", partial=True, also=given, root=tmp_path)
+    result = score_trial(
+        tmp_path / "trial.db3", "paper2020.published", partial=True, also=given, root=tmp_path
+    )
 
     assert result.measured.cut is not None
     assert result.measured.cut.until_s == pytest.approx(24.0, abs=0.02)
@@ -268,8 +292,8 @@ def test_the_chunk_that_a_killed_recorder_was_writing_is_read_as_far_as_it_infla
     log.write_bytes(data[:chunk] + lengths[0] + head + lengths[1] + packed[: -len(packed) // 9])
 
     with pytest.raises(CutOffError, match="its recorder was killed while it wrote this chunk"):
-        score_trial(log, "paper2020")
-    result = score_trial(log, "paper2020", partial=True)
+        score_trial(log, "paper2020.published")
+    result = score_trial(log, "paper2020.published", partial=True)
 
     assert result.measured.cut is not None
     assert 5.0 < (result.measured.cut.until_s or 0.0) < 39.0
@@ -320,8 +344,12 @@ def test_a_real_recording_that_was_cut_off_contains_what_the_whole_one_has(tmp_p
     )
     config = tmp_path / "trial.yaml"
     shutil.copy(REAL / "walk_killed.bag", tmp_path)
-    cut = score_trial(tmp_path / "walk_killed.bag", "paper2020", partial=True, also=[config], root=tmp_path)
-    honest = ends(score_trial(REAL / "walk_jitter.bag", "paper2020"))  # of which the other is the beginning
+    cut = score_trial(
+        tmp_path / "walk_killed.bag", "paper2020.published", partial=True, also=[config], root=tmp_path
+    )
+    honest = ends(
+        score_trial(REAL / "walk_jitter.bag", "paper2020.published")
+    )  # of which the other is the beginning
 
     assert honest is not None
     assert contains(ends(cut), honest)
@@ -331,15 +359,19 @@ def test_a_real_recording_that_was_cut_off_contains_what_the_whole_one_has(tmp_p
 @pytest.mark.slow
 def test_an_event_log_of_another_monitor_that_was_killed_is_scored_as_far_as_it_goes(tmp_path: Path) -> None:
     honest = ends(
-        score_trial(write_event_log(tmp_path / "whole.txt", recorded_messages(kitting_trial())), "paper2020")
+        score_trial(
+            write_event_log(tmp_path / "whole.txt", recorded_messages(kitting_trial())), "paper2020.published"
+        )
     )
     log = tmp_path / "trial.txt"
     log.write_bytes((tmp_path / "whole.txt").read_bytes()[:340_000])
     (tmp_path / "trial.yaml").write_text(configuration(kitting_trial()))
 
     with pytest.raises(CutOffError):
-        score_trial(log, "paper2020")
-    result = score_trial(log, "paper2020", partial=True, also=[tmp_path / "trial.yaml"], root=tmp_path)
+        score_trial(log, "paper2020.published")
+    result = score_trial(
+        log, "paper2020.published", partial=True, also=[tmp_path / "trial.yaml"], root=tmp_path
+    )
 
     assert honest is not None
     assert contains(ends(result), honest)

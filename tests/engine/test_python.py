@@ -51,8 +51,8 @@ from ariac_score.testing import write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
 LOG = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
-RULES = load_rule_set("paper2020")
-TASK = 28  # what the shipments of the example are worth under paper2020
+RULES = load_rule_set("paper2020.published")
+TASK = 28  # what the shipments of the example are worth under paper2020.published
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +66,10 @@ def scored() -> Result:
 @pytest.mark.parametrize(
     "call",
     [
-        lambda wrong: score_trial(wrong, "paper2020"),
+        lambda wrong: score_trial(wrong, "paper2020.published"),
         lambda wrong: score_trial(LOG, wrong),
-        lambda wrong: score_trial(LOG, "paper2020", log_map=wrong),
-        lambda wrong: score_trial(LOG, "paper2020", also=[wrong]),
+        lambda wrong: score_trial(LOG, "paper2020.published", log_map=wrong),
+        lambda wrong: score_trial(LOG, "paper2020.published", also=[wrong]),
         lambda wrong: open_trial(wrong),
         lambda wrong: open_trial(LOG, 3 if wrong is None else wrong),
         lambda wrong: load_rule_set(wrong),
@@ -79,9 +79,9 @@ def scored() -> Result:
         lambda wrong: load_cohort(wrong, RULES),
         lambda wrong: load_cohort("cohort.json", wrong),
         lambda wrong: list(read_messages(wrong)),
-        lambda wrong: measure_trial(wrong, "paper2020"),
+        lambda wrong: measure_trial(wrong, "paper2020.published"),
         lambda wrong: measure_trial(Trial("t"), wrong),
-        lambda wrong: reprice(wrong, "paper2020"),
+        lambda wrong: reprice(wrong, "paper2020.published"),
         lambda wrong: as_json(wrong),
         lambda wrong: RULES.with_parameters(3 if wrong is None else wrong),
         lambda wrong: RULES.with_monitor("near_miss", wrong),
@@ -108,23 +108,23 @@ def test_a_path_is_text_or_a_path_and_a_rule_set_its_name_its_path_or_itself(
     file = tmp_path / "same.yaml"
     file.write_text(RULES.text, encoding="utf-8")
 
-    for rules in ("paper2020", file, str(file), RULES):
+    for rules in ("paper2020.published", file, str(file), RULES):
         for path in (LOG, str(LOG)):
             assert score_trial(path, rules).score == scored.score
 
 
 def test_a_path_without_an_ending_is_never_taken_for_a_name(tmp_path: Path) -> None:
     with pytest.raises(ScoreError, match="no such file"):
-        load_rule_set(Path("paper2020"))
+        load_rule_set(Path("paper2020.published"))
 
 
 # The trial ------------------------------------------------------------------------------
 
 
 def test_an_opened_trial_is_the_one_that_checks_see(scored: Result) -> None:
-    trial = open_trial(str(LOG), "paper2020")
+    trial = open_trial(str(LOG), "paper2020.published")
 
-    assert measure_trial(trial, "paper2020").findings == scored.findings
+    assert measure_trial(trial, "paper2020.published").findings == scored.findings
     assert not trial.signals["speed/robot"].values.flags.writeable
 
 
@@ -133,7 +133,7 @@ def test_what_the_checks_need_is_derived(tmp_path: Path) -> None:
     recorded = [name for name in trial.signals if name.startswith("position/")]
     log = write_trial_log(tmp_path / "t.jsonl", trial, signals=recorded)
 
-    assert open_trial(log, "paper2020").signals["centre_distance/robot/human"].source == "derived"
+    assert open_trial(log, "paper2020.published").signals["centre_distance/robot/human"].source == "derived"
     assert "centre_distance/robot/human" not in open_trial(log).signals
 
 
@@ -233,7 +233,7 @@ class _Tags(HTMLParser):
 def test_a_result_shows_its_score_its_ledger_and_what_was_violated(scored: Result) -> None:
     shown = _Tags(scored._repr_html_())
 
-    assert shown.text.startswith("19.761677 of 36 · kitting_near_miss under paper2020: scored")
+    assert shown.text.startswith("19.761677 of 36 · kitting_near_miss under paper2020.published: scored")
     assert "earned30" in shown.text
     assert "separation#1robot/human" in shown.text
 
@@ -262,7 +262,7 @@ def test_what_is_hostile_in_a_result_is_text_and_long_results_stay_small() -> No
 def test_other_numbers_are_those_of_a_file_with_them(tmp_path: Path) -> None:
     file = tmp_path / "other.yaml"
     file.write_text(
-        "id: other\ntitle: t\nsource: s\nextends: paper2020\nparameters: {separation_weight: 0.8}\n"
+        "id: other\ntitle: t\nsource: s\nextends: paper2020.published\nparameters: {separation_weight: 0.8}\n"
         "monitors:\n  separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed, t1_s: 0.6, "
         "t2_s: 1.5, stopping_distance_m: 0.0, delta_m: 2.6}}\n",
         encoding="utf-8",

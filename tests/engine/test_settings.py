@@ -48,7 +48,7 @@ _COUNT = iter(range(1000))
 
 @pytest.fixture(scope="module")
 def result() -> Result:
-    return score_trial(LOG, "paper2020")
+    return score_trial(LOG, "paper2020.published")
 
 
 def rules(folder: Path, use: str, given: Mapping[str, Any]) -> RuleSet:
@@ -182,7 +182,7 @@ def test_nothing_is_priced_by_it(result: Result) -> None:
 
     check_follows(bare)
     assert measured_sha256(bare) == measured_sha256(result)
-    assert reprice(bare, load_rule_set("paper2020")).score == result.score
+    assert reprice(bare, load_rule_set("paper2020.published")).score == result.score
 
 
 def test_it_comes_back_to_the_byte_and_keeps_the_schema(result: Result, tmp_path: Path) -> None:
@@ -203,14 +203,14 @@ def test_a_result_of_a_version_that_kept_none_stays_as_it_was(result: Result, tm
 
     old = load_result(tmp_path / "old.json")
     assert as_json(old) == text
-    assert reprice(old, load_rule_set("paper2020")).measured.settings is None
+    assert reprice(old, load_rule_set("paper2020.published")).measured.settings is None
     assert main(["verify", str(tmp_path / "old.json")]) == 8
     step = next(s for s in verify_result(tmp_path / "old.json", log=LOG).steps if s.name == "recomputed")
     assert step.words == "the same score, ledger and findings; the result does not keep its settings"
 
 
 def test_new_prices_keep_what_was_set_under_new_names(result: Result, tmp_path: Path) -> None:
-    text = (ROOT / "rules/paper2020/ruleset.yaml").read_text()
+    text = (ROOT / "rules/paper2020/published.yaml").read_text()
     mine = tmp_path / "mine.yaml"
     mine.write_text(re.sub(r"(?<![._])\bseparation\b", "apart", text))
 

@@ -84,9 +84,9 @@ def imported(node: ast.AST) -> list[str]:
 
 
 def test_a_log_is_scored_alike_without_them(as_on_windows: Run, capsys: pytest.CaptureFixture[str]) -> None:
-    scored = as_on_windows("score", str(LOG), "--rules", "paper2020")
+    scored = as_on_windows("score", str(LOG), "--rules", "paper2020.published")
 
-    assert main(["score", str(LOG), "--rules", "paper2020"]) == scored.returncode == 0
+    assert main(["score", str(LOG), "--rules", "paper2020.published"]) == scored.returncode == 0
     assert scored.stdout == capsys.readouterr().out
 
 
@@ -99,7 +99,7 @@ def test_a_batch_is_scored_without_them_and_says_what_it_cannot_keep(
     for name in ("one", "two"):
         (logs / f"{name}.mcap").write_bytes(LOG.read_bytes())
 
-    done = as_on_windows("batch", str(logs), "--rules", "paper2020", "-o", str(tmp_path / "out"))
+    done = as_on_windows("batch", str(logs), "--rules", "paper2020.published", "-o", str(tmp_path / "out"))
 
     assert done.returncode == 0, done.stderr
     assert "2 runs: 2 scored" in done.stdout

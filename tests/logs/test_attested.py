@@ -62,29 +62,32 @@ def attested(
     sign: Callable[[str], str],
     notes: Sequence[str] = (),
     listened_s: tuple[int, int] = (0, 10),
+    each_s: float = 1.0,
     **named: str,
 ) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
     out, chain = list(messages), RECORDING
     counted = dict.fromkeys([m.topic for m in messages], 0)
-    for number, second in enumerate(range(*listened_s), start=1):
-        now = [m for m in messages if second * 10**9 <= m.t_ns < (second + 1) * 10**9]
+    each_ns = round(each_s * 1e9)
+    begins = range(listened_s[0] * 10**9, listened_s[1] * 10**9, each_ns)
+    for number, begins_ns in enumerate(begins, start=1):
+        now = [m for m in messages if begins_ns <= m.t_ns < begins_ns + each_ns]
         topics = {}
         for topic in dict.fromkeys(m.topic for m in now):
             came = [digest(m) for m in now if m.topic == topic]
             topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
             counted[topic] += len(came)
-        sent = (second + 1) * 10**9 - 1
+        sent = begins_ns + each_ns - 1
         body = _json({"recording": RECORDING, "sequence": number, "ros_ns": sent, "topics": topics})
         chain = _sha256(chain + body)
         beat = {"recording": RECORDING, "sequence": number, "body": body, "chain": chain}
-        out.append(recorder("heartbeat", "Heartbeat", (second + 1) * 10**9 - 1, beat))
+        out.append(recorder("heartbeat", "Heartbeat", sent, beat))
     manifest = _json(
         {
             "format": "ariac-score-manifest/1",
             "recording": RECORDING,
             "closed": True,
-            "heartbeats": {"count": listened_s[1] - listened_s[0], "chain": chain},
+            "heartbeats": {"count": len(begins), "chain": chain},
             "topics": {topic: {"count": count} for topic, count in counted.items()},
             "notes": list(notes),
             **named,
@@ -292,6 +295,26 @@ def test_a_message_that_reached_the_log_a_second_late_was_not_moved(tmp_path: Pa
     found = scored(tmp_path, sorted(late, key=lambda m: m.t_ns), attesting(signing))
 
     assert completeness(found) == "recorder: "
+
+
+@pytest.mark.parametrize(("late_ms", "is_moved"), [(340, False), (360, True), (-440, False), (-460, True)])
+def test_a_message_may_be_as_late_as_the_recorder_pauses_and_a_quarter_of_a_second(
+    tmp_path: Path, signing: Signing, late_ms: int, is_moved: bool
+) -> None:
+    """Heartbeats each 0.1 s: 0.35 s are let pass around the 0.1 s in which it arrived, from 5.0 to 5.1 s."""
+
+    def with_collision_at(t_ns: int, messages: list[Recorded]) -> list[Recorded]:
+        found = [replace(m, t_ns=t_ns) if m.fields.get("kind") == "arm_collision" else m for m in messages]
+        return sorted(found, key=lambda m: m.t_ns)
+
+    true = with_collision_at(5_095_000_000, events())
+    log = with_collision_at(5_095_000_000 + late_ms * 10**6, attested(true, signing[1], each_s=0.1))
+
+    if is_moved:
+        with pytest.raises(LogError, match=r"moved: 1 message on /ariac_score/events, by more than 0.35 s"):
+            scored(tmp_path, log, attesting(signing))
+    else:
+        assert completeness(scored(tmp_path, log, attesting(signing))) == "recorder: "
 
 
 def test_what_the_recorder_noticed_stands_in_the_result(tmp_path: Path, signing: Signing) -> None:

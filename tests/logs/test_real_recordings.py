@@ -29,7 +29,7 @@ def read(name: str, *quantities: str) -> Trial:
 
 
 def score(name: str) -> Result:
-    return score_trial(REAL / name, "paper2020")
+    return score_trial(REAL / name, "paper2020.published")
 
 
 def test_a_competition_that_ends_with_done_is_found() -> None:
@@ -76,7 +76,7 @@ def test_snapshots_and_frames_of_one_motion_agree() -> None:
 
 def test_twelve_gaps_leave_the_score_between_two_numbers_and_hide_no_contact() -> None:
     result = score("walk_jitter.bag")
-    found = check_log(REAL / "walk_jitter.bag", load_rule_set("paper2020"))
+    found = check_log(REAL / "walk_jitter.bag", load_rule_set("paper2020.published"))
 
     assert (result.status, found.ready) == ("scored", False)
     assert result.interval is not None
@@ -114,7 +114,7 @@ def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_pat
     """By the clock of the node that moved them it is 2.205 points; open is when the approach began."""
     rules = tmp_path / "walk.yaml"
     rules.write_text(
-        "extends: paper2020\nid: walk\ntitle: With bounds\nsource: README of the recordings\nbounds:\n"
+        "extends: paper2020.published\nid: walk\ntitle: With bounds\nsource: README there\nbounds:\n"
         "  human: {max_speed_m_s: 0.6, max_acceleration_m_s2: 2.0, source: its walk}\n"
         "  robot: {max_speed_m_s: 0.7, max_acceleration_m_s2: 2.0, source: its rail}\n",
         encoding="utf-8",

@@ -95,7 +95,7 @@ def test_an_event_log_of_the_example_scores_as_its_bag_does(tmp_path: Path) -> N
     log = write_event_log(tmp_path / "events.jsonl", messages)
     bag = write_bag(tmp_path / "trial.mcap", messages, storage="mcap")
 
-    from_log, from_bag = score_trial(log, "paper2020"), score_trial(bag, "paper2020")
+    from_log, from_bag = score_trial(log, "paper2020.published"), score_trial(bag, "paper2020.published")
 
     assert from_log.measured.findings == from_bag.measured.findings
     assert from_log.score == from_bag.score
@@ -104,7 +104,7 @@ def test_an_event_log_of_the_example_scores_as_its_bag_does(tmp_path: Path) -> N
 def test_wall_clock_stamps_count_from_the_first(tmp_path: Path) -> None:
     log = write_event_log(tmp_path / "events.jsonl", recorded_messages(kitting_trial()), origin_ns=0)
 
-    result = score_trial(log, "paper2020")
+    result = score_trial(log, "paper2020.published")
 
     assert str(result.score) == "19.761677"
     assert result.measured.clock == f"wall-clock time, origin {ORIGIN_NS} ns"

@@ -291,6 +291,26 @@ def test_a_recording_that_begins_while_the_competition_runs_does_not_know_its_st
     assert defects(trial) == ({"late_recording": 1} if started_s is None else {})
 
 
+@pytest.mark.parametrize("words", [("init", "go", "done"), ("", "go", "done")])
+@pytest.mark.parametrize(("silent_s", "is_known"), [(10.0, True), (10.01, False)])
+def test_a_start_behind_a_long_silence_is_not_known(
+    tmp_path: Path, words: tuple[str, ...], silent_s: float, is_known: bool
+) -> None:
+    """Whoever leaves out what was said between moves the start behind what happened in that time."""
+    at_s = (0.0, silent_s, silent_s + 1.0)
+    said = [
+        Recorded("/state", "std_msgs/msg/String", START_NS + round(t_s * 1e9), {"data": word})
+        for t_s, word in zip(at_s, words, strict=True)
+        if word
+    ]
+
+    trial = read(tmp_path / "t.bag", [*places(1), *said], PLACE, STATES)
+
+    assert trial.started_s == (silent_s if is_known else None)
+    assert defects(trial) == ({} if is_known else {"late_recording": 1})
+    assert trial.ended_s == pytest.approx(silent_s + 1.0)
+
+
 def test_a_competition_that_runs_again_after_its_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         LogError, match=r"/state says at 0\.300 s that the competition runs.* 0\.200 s .* over"

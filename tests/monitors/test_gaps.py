@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ariac_score.monitors.cells import Stream
 from ariac_score.monitors.gaps import (
     Place,
     between,
@@ -15,6 +16,9 @@ from ariac_score.monitors.gaps import (
     off_the_chord,
     places_apart,
 )
+from ariac_score.trial.bounds import BetweenSamples
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span
 
 
 def test_least_and_most_distance_of_the_worked_cases(subtests: pytest.Subtests) -> None:
@@ -51,6 +55,28 @@ def test_acceleration_and_speeds_have_the_worked_bounds(subtests: pytest.Subtest
         assert fastest.max() == pytest.approx(0.65)
     with subtests.test("G12"):
         assert off_the_chord(np.linspace(0, 1, 101), np.linspace(1, 0, 101), 2.0).max() == 0.25
+
+
+def test_where_speeds_at_the_samples_or_both_bounds_would_say_more_the_bounds_are_outer(
+    subtests: pytest.Subtests,
+) -> None:
+    """G13 to G15: what is exact, and what speed and acceleration say each alone, of 2 m before and after."""
+    for case, gap_s, fastest_m_s, change_m_s2, exact_m, bound_m in (
+        ("G13, at rest at both ends", 1.0, 1e3, 2.0, 1.875, 1.75),
+        ("G14, the same, and a top speed", 2.0, 0.5, 4.0, 1.5625, 1.5),
+        ("G15, a top speed, and any speed at both ends", 2.0, 0.5, 1.0, 1.625, 1.5),
+    ):
+        with subtests.test(case):
+            since = np.linspace(0.0, gap_s, 2001)
+            until, rows = gap_s - since, np.ones((len(since), 1))
+            chord_m = off_the_chord(since, until, change_m_s2)
+            robot, human = rows * np.zeros(2), rows * np.array([2.0, 0.0])
+            moving = Place(human, human, fastest_m_s * since, fastest_m_s * until, human, chord_m)
+            fixed = Place(robot, robot, np.zeros(len(since)), np.zeros(len(since)))
+            least, most = places_apart(fixed, moving)
+            assert least.min() == pytest.approx(bound_m)
+            assert most.max() == pytest.approx(4.0 - bound_m)
+            assert least.min() <= exact_m
 
 
 def test_a_place_bounds_a_distance_at_least_as_well_as_the_distance_alone(subtests: pytest.Subtests) -> None:
@@ -116,3 +142,32 @@ def test_the_distance_to_a_lens_is_that_of_the_nearest_of_its_points() -> None:
 
         assert found <= nearest + 1e-12
         assert found == pytest.approx(nearest, abs=0.1)
+
+
+@pytest.mark.parametrize(("first_s", "is_open"), [(0.0, False), (0.02, True)])
+def test_whoever_leaves_out_the_first_sample_leaves_a_gap(first_s: float, is_open: bool) -> None:
+    """No sample stands for the time before the first, though it is no longer than any other interval."""
+    t = np.arange(first_s, 1.01, 0.02)
+    stream = Stream.of(Signal("separation/arm/ann", "m", t, t), Span(0.0, 1.0), 0.05, BetweenSamples())
+    assert bool(stream.open[0]) is is_open
+    assert not stream.open[1:].any()
+
+
+def test_leaving_out_a_sample_never_narrows_what_an_acceleration_bounds() -> None:
+    """The ball around the way of a longer gap contains those of its two parts, whatever lay between.
+
+    By hand: the ways differ by at most A t (g2 - g1) / 2, which is what the radius A t (g - t) / 2 grows by.
+    """
+    random = np.random.default_rng(3)
+    for _ in range(200):
+        acceleration = random.uniform(0.1, 5.0)
+        first_s, whole_s = np.sort(random.uniform(0.1, 2.0, size=2))
+        end_m = random.uniform(-2.0, 2.0)
+        # Any place between that the acceleration allows, its limits included.
+        off = random.choice([-1.0, random.uniform(-1.0, 1.0), 1.0])
+        way = end_m * first_s / whole_s
+        between_m = way + off * float(off_the_chord(first_s, whole_s - first_s, acceleration))
+        t = np.linspace(0.0, first_s, 20)
+        centre, radius = between_m * t / first_s, off_the_chord(t, first_s - t, acceleration)
+        longer, longer_m = end_m * t / whole_s, off_the_chord(t, whole_s - t, acceleration)
+        assert np.all(np.abs(centre - longer) + radius <= longer_m + 1e-12)

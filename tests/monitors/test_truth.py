@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 FILE = Path(__file__).parents[2] / "benchmarks/truth.py"
@@ -21,6 +23,18 @@ def truth() -> ModuleType:
     sys.modules[spec.name] = module  # its dataclasses look their module up by name
     spec.loader.exec_module(module)
     return module
+
+
+def test_of_late_stamps_fewer_samples_never_bound_more(truth: ModuleType) -> None:
+    """Seed 7792: the sample before the nearest bounded more, and counted only without the nearest."""
+    random = np.random.default_rng(7792)
+    log = truth.recorded(random, truth.world(random, 4.0), 50.0, "late")
+    every_other = {
+        name: replace(one, t=one.t[::2], values=one.values[::2]) for name, one in log.signals.items()
+    }
+    bounded = truth.rules("bounded", truth.LATE_S)
+    honest, robbed = (truth.ends_of(trial, bounded)[0] for trial in (log, replace(log, signals=every_other)))
+    assert robbed <= honest + 1e-9
 
 
 @pytest.mark.slow

@@ -195,7 +195,7 @@ def test_a_withheld_run_that_is_decided_gets_the_score_that_a_complete_log_has(
     for team, trial in (("whole", far_away()), ("hidden", far_away(unseen=Span(20.0, 30.0)))):
         (tmp_path / team).mkdir()
         write_trial_log(tmp_path / team / "kit_1.jsonl", trial, signals=SNAPSHOT_SIGNALS)
-    own = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nopen: withhold\n{rules}"
+    own = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\nopen: withhold\n{rules}"
     (tmp_path / "mine.yaml").write_text(own, encoding="utf-8")
     (tmp_path / "competition.yaml").write_text(
         "id: test\nrules: ./mine.yaml\nruns: '{team}/{trial}_{run}.jsonl'\n", encoding="utf-8"

@@ -9,7 +9,7 @@ import pytest
 from ariac_score.errors import DataFileError, NothingToScoreError, UsageError
 from ariac_score.ranking.competition import load_competition
 
-HEAD = "id: test\nrules: paper2020\nruns: logs/{team}/{trial}_{run}\n"
+HEAD = "id: test\nrules: paper2020.published\nruns: logs/{team}/{trial}_{run}\n"
 
 
 def lay_out(root: Path, *names: str) -> None:
@@ -74,7 +74,7 @@ def test_configurations_are_found_by_pattern_or_named(tmp_path: Path) -> None:
 def test_runs_may_be_listed_one_by_one(tmp_path: Path) -> None:
     lay_out(tmp_path, "a.mcap", "b.mcap")
     text = (
-        "id: test\nrules: paper2020\nruns:\n"
+        "id: test\nrules: paper2020.published\nruns:\n"
         "- {team: alpha, trial: kit, run: 3, path: a.mcap}\n"
         "- {team: beta, trial: kit, run: 1, path: b.mcap}\n"
     )
@@ -91,7 +91,7 @@ def test_the_evaluation_folders_of_2024_need_no_file(tmp_path: Path) -> None:
         "competitor_configs/alpha.yaml",
     )
 
-    found = load_competition(tmp_path, "paper2020")
+    found = load_competition(tmp_path, "paper2020.published")
 
     assert [team.id for team in found.teams] == ["alpha", "beta"]
     assert found.teams[0].config == tmp_path / "competitor_configs/alpha.yaml"
@@ -101,7 +101,7 @@ def test_the_evaluation_folders_of_2024_need_no_file(tmp_path: Path) -> None:
 def test_the_docker_folders_of_2017_to_2022_have_one_run_for_each_trial(tmp_path: Path) -> None:
     lay_out(tmp_path, "logs/alpha/qual_1", "trial_config/qual_1.yaml", "team_config/alpha/team_config.yaml")
 
-    found = load_competition(tmp_path, "paper2020")
+    found = load_competition(tmp_path, "paper2020.published")
 
     assert [run.key for run in found.runs] == [("alpha", "qual_1", 1)]
     assert found.teams[0].config == tmp_path / "team_config/alpha/team_config.yaml"
@@ -119,12 +119,12 @@ def test_a_folder_without_teams_or_trials_is_no_competition(tmp_path: Path, name
     lay_out(tmp_path, *names)
 
     with pytest.raises(NothingToScoreError):
-        load_competition(tmp_path, "paper2020")
+        load_competition(tmp_path, "paper2020.published")
 
 
 def test_a_path_that_is_not_there_is_nothing_to_score(tmp_path: Path) -> None:
     with pytest.raises(NothingToScoreError, match="no such file or folder"):
-        load_competition(tmp_path / "gone", "paper2020")
+        load_competition(tmp_path / "gone", "paper2020.published")
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,10 @@ def test_a_path_that_is_not_there_is_nothing_to_score(tmp_path: Path) -> None:
         (HEAD + "teams: [{id: a/b}]\n", "does not match"),
         (HEAD + "teams: [{id: a, judges: [[five]]}]\n", "'five' is not of type 'number'"),
         (HEAD + "team: []\n", "unknown key 'team'"),
-        ("id: test\nrules: paper2020\nruns: [{team: a, trial: t, run: 1, path: gone}]\n", "does not exist"),
+        (
+            "id: test\nrules: paper2020.published\nruns: [{team: a, trial: t, run: 1, path: gone}]\n",
+            "does not exist",
+        ),
         (
             "id: test\nrules: paper2020\nteams: [{id: b}]\nruns: [{team: a, trial: t, run: 1, path: x}]\n",
             "team 'a' is not listed",

@@ -25,7 +25,9 @@ from ariac_score.report.ranking import ranking_csv, ranking_text
 from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Line
 
-EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"  # 19.761677 points
+EXAMPLE = (
+    Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
+)  # 19.761677 points
 
 
 def ends(least: str, most: str = "") -> Ends:
@@ -75,10 +77,11 @@ def ranked(folder: Path, runs: Mapping[str, tuple[str, str, str]], extra: str = 
         (folder / "logs" / team / "cell_1").mkdir(parents=True)
         (folder / "logs" / team / "cell_1" / "log.jsonl").write_text("{}\n", encoding="utf-8")
     (folder / "competition.yaml").write_text(
-        f"id: gaps\nrules: paper2020\nruns: logs/{{team}}/{{trial}}_{{run}}\n{extra}", encoding="utf-8"
+        f"id: gaps\nrules: paper2020.published\nruns: logs/{{team}}/{{trial}}_{{run}}\n{extra}",
+        encoding="utf-8",
     )
     competition = load_competition(folder)
-    rules = load_rule_set("paper2020")
+    rules = load_rule_set("paper2020.published")
     spec = ranking_spec(rules, competition.ranking, file="competition.yaml")
     results = {}
     for team, (score, least, most) in runs.items():
@@ -129,7 +132,7 @@ def test_a_ranking_has_the_ends_of_scores_and_ranks(tmp_path: Path) -> None:
 
 
 def test_a_published_ranking_keeps_what_is_open_and_one_without_has_the_bytes_it_had(tmp_path: Path) -> None:
-    spec = ranking_spec(load_rule_set("paper2020"), {}, file="competition.yaml")
+    spec = ranking_spec(load_rule_set("paper2020.published"), {}, file="competition.yaml")
     ranking = ranked(tmp_path / "one", {"a": ("10", "10", "10"), "b": ("8", "8", "12")})
     text = ranking_json(ranking, spec)
     (tmp_path / "ranking.json").write_text(text, encoding="utf-8")
@@ -152,7 +155,7 @@ def test_a_withheld_score_counts_nothing_and_may_be_all_that_its_log_allows(tmp_
 
 
 def test_the_leaderboard_draws_what_is_open_apart_from_confidence(tmp_path: Path) -> None:
-    spec = ranking_spec(load_rule_set("paper2020"), {}, file="competition.yaml")
+    spec = ranking_spec(load_rule_set("paper2020.published"), {}, file="competition.yaml")
     ranking = ranked(tmp_path / "c", {"a": ("10", "10", "10"), "b": ("8", "8", "12")})
     (tmp_path / "ranking.json").write_text(ranking_json(ranking, spec), encoding="utf-8")
 

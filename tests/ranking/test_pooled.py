@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ariac_score import Signal, Trial, load_rule_set
@@ -20,11 +21,12 @@ from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
 RULES = (
-    "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nscore: task\n"
+    "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\nscore: task\n"
     "include: [penalty.gated_hyperbolic]\n"
     "safety:\n  separation: {class: separation}\n  human_contact: {class: contact}\n"
 )
-NEAR_MISS = 0.4 * (1 + 2.4 / 5)  # one breach of 2.4 s of the class separation
+NEAR_MISS = 0.4 * (0.175139841739 + 0.211047173309 / 5)
+"""One breach of the class separation: its greatest relative depth, and the integral of that over 5 s."""
 TASK = 28
 
 
@@ -70,10 +72,27 @@ def test_a_calm_run_does_not_make_the_near_miss_of_another_one_undone(tmp_path: 
     assert [run.number for run in found.runs if run.team == "lucky" and run.kept] == [2]
 
 
-def test_trying_again_adds_what_happens_then(tmp_path: Path) -> None:
-    found = ranking(tmp_path, twice=[kitting_trial(), kitting_trial()])
+def touched(from_s: float, to_s: float) -> Trial:
+    """The made trial, with the human at the robot for a while."""
+    trial = kitting_trial()
+    name = "centre_distance/robot/human"
+    t = trial.signals[name].t
+    near = Signal(name, "m", t, np.where((t >= from_s) & (t < to_s), 0.3, trial.signals[name].values))
+    return replace(trial, signals={**trial.signals, name: near})
 
-    assert scores(found) == {"twice": pytest.approx(TASK / (1 + 2 * NEAR_MISS), abs=1e-6)}
+
+def test_those_that_a_gate_made_0_are_separated_by_their_demerits(tmp_path: Path) -> None:
+    found = ranking(tmp_path, long=[touched(19, 29)], short=[touched(19, 19.2)], calm=[calm()])
+
+    assert scores(found) == {"calm": TASK, "short": 0, "long": 0}
+    assert [(one.rank, one.team) for one in found.standings] == [(1, "calm"), (2, "short"), (3, "long")]
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_the_same_run_again_changes_nothing(tmp_path: Path, times: int) -> None:
+    found = ranking(tmp_path, again=[kitting_trial()] * times)
+
+    assert scores(found) == {"again": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6)}
 
 
 def test_a_run_that_nobody_can_see_is_not_taken_for_calm(tmp_path: Path) -> None:
@@ -101,7 +120,7 @@ def test_the_result_of_a_ranked_run_can_be_read_and_adds_up(tmp_path: Path) -> N
     ("formula", "cause"),
     [("runs.demerit", "unknown name 'runs.demerit'"), ("runs.score", "unknown name 'runs.score'")],
 )
-def test_only_terms_of_the_trial_are_summed_over_runs(formula: str, cause: str) -> None:
+def test_only_terms_of_the_trial_are_taken_over_runs(formula: str, cause: str) -> None:
     terms = {"trial": {"demerits": Expression.parse("1", where="$.terms.trial.demerits")}}
     with pytest.raises(FormulaError) as caught:
         ScoreSheet(terms, Expression.parse(formula, where="$.score"), frozenset())

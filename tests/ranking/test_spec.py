@@ -16,7 +16,7 @@ from ariac_score.ranking.spec import Spec, ranking_spec
 
 def spec(**overrides: Any) -> Spec:
     given = {"best": "highest", **overrides} if "value" in overrides else overrides
-    return ranking_spec(load_rule_set("paper2020"), given, file="competition.yaml")
+    return ranking_spec(load_rule_set("paper2020.published"), given, file="competition.yaml")
 
 
 def teams(*pairs: tuple[float, float | None]) -> list[Mapping[str, Decimal | None]]:
@@ -90,7 +90,9 @@ def test_a_new_value_says_which_end_comes_first() -> None:
 
 
 def test_a_rule_set_may_say_how_it_is_ranked(tmp_path: Path) -> None:
-    text = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nranking: {keep: 2, best: lowest}\n"
+    text = (
+        "id: mine\ntitle: Mine\nsource: t\nextends: paper2020.published\nranking: {keep: 2, best: lowest}\n"
+    )
     (tmp_path / "mine.yaml").write_text(text)
     found = ranking_spec(load_rule_set(str(tmp_path / "mine.yaml")), {"best": "highest"}, file="x")
 

@@ -29,7 +29,7 @@ SCORES = [Decimal("5"), Decimal("1"), Decimal("4.5"), Decimal("0")]
 
 
 def spec(name: str) -> Spec:
-    return ranking_spec(load_rule_set("paper2020"), {"total": name}, file="competition.yaml")
+    return ranking_spec(load_rule_set("paper2020.published"), {"total": name}, file="competition.yaml")
 
 
 def competition(root: Path, total: str) -> Path:
@@ -181,7 +181,9 @@ def test_rules_that_name_what_is_not_installed_are_not_sound(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], named: str
 ) -> None:
     rules = tmp_path / "own.yaml"
-    rules.write_text(f"{{id: own, title: O, source: ours, extends: paper2020, ranking: {{{named}}}}}")
+    rules.write_text(
+        f"{{id: own, title: O, source: ours, extends: paper2020.published, ranking: {{{named}}}}}"
+    )
 
     assert main(["rules", "validate", str(rules)]) == 4
     assert f"no installed distribution provides {named.split()[1]!r}" in capsys.readouterr().err

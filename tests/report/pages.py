@@ -28,7 +28,7 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.work import KitSubmission, Order, Product, Task, WantedProduct
 
-EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
+EXAMPLE = Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
 
 SCRIPT = "<script>alert('script')</script>"
 IMAGE = '"><img src=x onerror=alert("image")>'
@@ -45,12 +45,12 @@ def example() -> Result:
 
 def with_routes(folder: Path) -> Result:
     """The example with every signal it has, so that there is a plan as well."""
-    return score_trial(write_trial_log(folder / "routes.jsonl", kitting_trial()), "paper2020")
+    return score_trial(write_trial_log(folder / "routes.jsonl", kitting_trial()), "paper2020.published")
 
 
 def hostile() -> Result:
     """The example with hostile text wherever a log can put any."""
-    trial, prepared = _renamed(kitting_trial()), prepare("paper2020")
+    trial, prepared = _renamed(kitting_trial()), prepare("paper2020.published")
     measured = measure_trial(trial, prepared)
     sketch = sketch_trial(trial, prepared, measured)
     result = price_trial(replace(measured, sketch=sketch), prepared.rule_set, _provenance())

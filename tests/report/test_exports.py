@@ -27,7 +27,7 @@ from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"
+EXAMPLE = ROOT / "tests/data/as_published/kitting_near_miss.result.json"
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -107,7 +107,7 @@ def left_open(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def _without_the_human(folder: Path, counts: str) -> Result:
     kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
     log = write_trial_log(folder / "trial.jsonl", kitting_trial(), signals=kept)
-    rules = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nopen: {counts}\n"
+    rules = f"id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\nopen: {counts}\n"
     (folder / "mine.yaml").write_text(rules, encoding="utf-8")
     return score_trial(log, folder / "mine.yaml")
 
@@ -167,7 +167,7 @@ def test_what_does_not_apply_is_skipped() -> None:
     result = with_findings(Finding("x", Verdict.NOT_APPLICABLE, "nothing there", check="separation"))
     root = parsed(exported(result, "junit"))
 
-    assert [s.get("skipped") for s in root if s.get("name") == "paper2020.separation"] == ["1"]
+    assert [s.get("skipped") for s in root if s.get("name") == "paper2020.published.separation"] == ["1"]
 
 
 # SARIF ---------------------------------------------------------------------------------
@@ -410,7 +410,7 @@ def test_export_of_a_stored_result_is_what_score_writes(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = ROOT / "examples/kitting_near_miss.mcap"
-    score = ["score", str(log), "--rules", "paper2020"]
+    score = ["score", str(log), "--rules", "paper2020.published"]
     assert main([*score, "--output-format", "json", "-o", str(tmp_path / "r.json")]) == 0
     assert main([*score, "--output-format", name]) == 0
     direct = capsys.readouterr().out
@@ -446,7 +446,7 @@ def test_no_score_is_worse_than_a_failed_criterion(tmp_path: Path) -> None:
     log = tmp_path / "trial.jsonl"
     write_trial_log(log, kitting_trial(), signals=[n for n in SNAPSHOT_SIGNALS if "human" not in n])
 
-    assert main(["score", str(log), "--rules", "paper2020", "--fail-on", "unknown"]) == 6
+    assert main(["score", str(log), "--rules", "paper2020.published", "--fail-on", "unknown"]) == 6
 
 
 @pytest.mark.parametrize(

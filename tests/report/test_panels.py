@@ -21,7 +21,7 @@ from ariac_score.report.html.trial import embedded_result, trial_page
 from ariac_score.results.result import Code
 
 Install = Callable[..., str]
-EXAMPLE = Path(__file__).parents[2] / "examples/kitting_near_miss.result.json"
+EXAMPLE = Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
 PANELS, EXPORTS = "ariac_score.report_panels", "ariac_score.exports"
 
 SOURCE = """\

@@ -36,7 +36,7 @@ def grid(book: Rulebook, title: str, caption: str = "") -> Grid:
 
 @pytest.fixture(scope="module")
 def paper() -> Rulebook:
-    return rulebook("paper2020")
+    return rulebook("paper2020.published")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def edition() -> Rulebook:
 
 def test_a_page_of_the_documentation_is_current(paper: Rulebook) -> None:
     """When this fails: python -m ariac_score.report.rulebooks docs/rulebooks."""
-    assert (DOCS / "paper2020.md").read_text(encoding="utf-8") == rulebook_markdown(paper)
+    assert (DOCS / "paper2020.published.md").read_text(encoding="utf-8") == rulebook_markdown(paper)
 
 
 @pytest.mark.slow
@@ -234,18 +234,20 @@ def test_a_score_below_zero_lies_below_its_zero_line() -> None:
 def test_the_command_writes_a_page_or_markdown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, markdown = tmp_path / "book.html", tmp_path / "book.md"
 
-    assert main(["rules", "show", "paper2020", "--as", "rulebook", "-o", str(page)]) == 0
-    assert main(["rules", "show", "paper2020", "--as", "rulebook", "-o", str(markdown)]) == 0
+    assert main(["rules", "show", "paper2020.published", "--as", "rulebook", "-o", str(page)]) == 0
+    assert main(["rules", "show", "paper2020.published", "--as", "rulebook", "-o", str(markdown)]) == 0
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert markdown.read_text(encoding="utf-8") == (DOCS / "paper2020.md").read_text(encoding="utf-8")
+    assert markdown.read_text(encoding="utf-8") == (DOCS / "paper2020.published.md").read_text(
+        encoding="utf-8"
+    )
     assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(
     ("arguments", "cause"),
     [
-        (["paper2020", "--as", "rulebook", "-o", "book.pdf"], "a page or Markdown"),
-        (["paper2020", "-o", "book.html"], "add --as rulebook"),
+        (["paper2020.published", "--as", "rulebook", "-o", "book.pdf"], "a page or Markdown"),
+        (["paper2020.published", "-o", "book.html"], "add --as rulebook"),
         (["paper2021", "--as", "rulebook"], "there is no rule set 'paper2021'"),
     ],
 )
@@ -286,7 +288,7 @@ def test_every_setting_of_a_shipped_rulebook_has_a_meaning() -> None:
             assert meaning, (page.name, setting)
 
 
-@pytest.mark.parametrize("name", ["paper2020", "ariac2024.as_documented", "ariac2022.as_coded"])
+@pytest.mark.parametrize("name", ["paper2020.published", "ariac2024.as_documented", "ariac2022.as_coded"])
 def test_every_line_of_a_worked_example_says_where_its_number_comes_from(name: str) -> None:
     examples = section(rulebook(name), "Worked examples").blocks
     rows = [row for block in examples if isinstance(block, Grid) for row in block.rows]

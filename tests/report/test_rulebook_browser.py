@@ -16,8 +16,8 @@ PHONE = {"width": 390, "height": 844}
 
 @pytest.fixture(scope="module")
 def book(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    page = tmp_path_factory.mktemp("rulebook") / "paper2020.html"
-    assert main(["rules", "show", "paper2020", "--as", "rulebook", "-o", str(page)]) == 0
+    page = tmp_path_factory.mktemp("rulebook") / "paper2020.published.html"
+    assert main(["rules", "show", "paper2020.published", "--as", "rulebook", "-o", str(page)]) == 0
     return page
 
 

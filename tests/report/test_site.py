@@ -368,7 +368,7 @@ def test_a_folder_with_something_else_in_it_is_left_alone(
     [
         ([], "the site of a competition needs a folder"),
         (["-o", "OUT", "--sensitivity", "now"], "no runs to vary parameters of"),
-        (["-o", "OUT", "--rules", "paper2020"], "--rules does not apply to a stored ranking"),
+        (["-o", "OUT", "--rules", "paper2020.published"], "--rules does not apply to a stored ranking"),
         (["-o", "OUT", "--results", "nowhere"], "the results of this ranking are not here"),
         (["-o", "OUT", "--previous", "nowhere.json"], "no such file"),
     ],
@@ -555,7 +555,7 @@ def calm_competition(folder: Path, *, bodies_witnessed: bool) -> Path:
                 trial = replace(trial, submissions=trial.submissions[:1])
             write_trial_log(folder / team / f"cell_{run}", trial)
     (folder / "competition.yaml").write_text(
-        "id: calm\nrules: paper2020\nruns: '{team}/{trial}_{run}'\n", encoding="utf-8"
+        "id: calm\nrules: paper2020.published\nruns: '{team}/{trial}_{run}'\n", encoding="utf-8"
     )
     return folder
 

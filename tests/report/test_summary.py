@@ -19,8 +19,9 @@ from ariac_score.report.html.parts import parts_of
 from ariac_score.report.places import Places
 from ariac_score.report.summary import sentences_of, summary_of
 from ariac_score.report.text import score_text
+from ariac_score.results.safety import safety_checks
 from ariac_score.results.sketch import DrawnPath
-from ariac_score.review.task_and_safety import TaskAndSafety, safety_checks, task_and_safety
+from ariac_score.review.task_and_safety import TaskAndSafety, task_and_safety
 from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.scoring.scope import Scope
 from ariac_score.testing import write_trial_log
@@ -130,8 +131,10 @@ def test_undecided_safety_is_never_said_to_be_kept(example: Result) -> None:
 def withholding(folder: Path) -> Path:
     """The paper's rules with no score while anything is open."""
     rules = folder / "withholding.yaml"
-    extended = "extends: paper2020, log_map: ariac2020, open: withhold"
-    rules.write_text(f"{{id: withholding, title: paper2020, source: test, {extended}}}", encoding="utf-8")
+    extended = "extends: paper2020.published, log_map: ariac2020, open: withhold"
+    rules.write_text(
+        f"{{id: withholding, title: paper2020.published, source: test, {extended}}}", encoding="utf-8"
+    )
     return rules
 
 

@@ -109,7 +109,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
 
     for word in (
         "19.761677",
-        "paper2020",
+        "paper2020.published",
         example.provenance.rule_set.sha256,
         example.provenance.inputs[0].sha256,
         "derived from ISO/TS 15066:2016, 5.5.4",
@@ -148,7 +148,7 @@ def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(exam
 
 def test_a_withheld_score_is_shown_as_what_it_could_be(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
-    rules = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020\nopen: withhold\n"
+    rules = "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\nopen: withhold\n"
     (tmp_path / "mine.yaml").write_text(rules, encoding="utf-8")
 
     text = _page(score_trial(log, tmp_path / "mine.yaml"))
@@ -161,7 +161,7 @@ def test_a_withheld_score_is_shown_as_what_it_could_be(tmp_path: Path) -> None:
 def test_without_a_human_there_is_no_chart_and_it_says_so(tmp_path: Path) -> None:
     log = write_trial_log(tmp_path / "a.jsonl", kitting_trial(human=False), signals=("speed/robot",))
 
-    text = _page(score_trial(log, "paper2020"))
+    text = _page(score_trial(log, "paper2020.published"))
 
     assert "Nothing that a monitor compares with a limit over time was recorded" in text
 

@@ -27,7 +27,7 @@ from ariac_score.testing.stored import rewritten
 from ariac_score_ariac.testing import kitting_trial
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"
+EXAMPLE = ROOT / "tests/data/as_published/kitting_near_miss.result.json"
 SCORE = Decimal("19.761677")
 TASK = Decimal(28)
 """What the example is worth by hand (tests/test_same_bytes.py), with and without its one breach."""
@@ -70,7 +70,7 @@ def undecided(tmp_path: Path) -> Result:
     kept = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
     rules = tmp_path / "withholding.yaml"
     rules.write_text(
-        "{id: withholding, title: paper2020, source: test, extends: paper2020, "
+        "{id: withholding, title: paper2020.published, source: test, extends: paper2020.published, "
         "log_map: ariac2020, open: withhold}",
         encoding="utf-8",
     )
@@ -456,7 +456,7 @@ def test_other_prices_do_not_carry_decisions_over_and_say_so(
         as_json(adjusted(tmp_path, decision(effect={"points": -2}))), encoding="utf-8"
     )
 
-    assert main(["price", str(tmp_path / "r.json"), "--rules", "paper2020"]) == 0
+    assert main(["price", str(tmp_path / "r.json"), "--rules", "paper2020.published"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("19.761677 of 36 possible")
     assert "do not carry over to other prices" in err

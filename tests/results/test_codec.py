@@ -25,7 +25,7 @@ from ariac_score.results.result_file import RESULT, measured_sha256
 from ariac_score.trial.spans import Span
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples/kitting_near_miss.result.json"
+EXAMPLE = ROOT / "tests/data/as_published/kitting_near_miss.result.json"
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def test_half_a_surrogate_pair_is_written_visibly(tmp_path: Path) -> None:
 
 
 def test_a_result_comes_back_equal_and_so_do_its_pickle_and_its_copy(result: Result, tmp_path: Path) -> None:
-    scored = score_trial(ROOT / "examples/kitting_near_miss.mcap", "paper2020")
+    scored = score_trial(ROOT / "examples/kitting_near_miss.mcap", "paper2020.published")
     (tmp_path / "r.json").write_text(as_json(scored), encoding="utf-8")
 
     assert load_result(tmp_path / "r.json") == scored

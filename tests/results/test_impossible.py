@@ -15,7 +15,7 @@ from ariac_score.ranking.runs import score_runs
 from ariac_score.scoring.ruleset import load_rule_set
 
 LOG = Path(__file__).parents[2] / "examples/kitting_near_miss.mcap"
-RULES = "paper2020"
+RULES = "paper2020.published"
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_price_refuses_it_and_names_file_finding_and_field(
 def test_rank_gives_such_a_run_no_result(scored: Result, tmp_path: Path) -> None:
     key, forged = impossible(scored)
     (tmp_path / "competition.yaml").write_text(
-        "{id: cup, rules: paper2020, runs: 'results/{team}/{trial}_{run}.json', "
+        "{id: cup, rules: paper2020.published, runs: 'results/{team}/{trial}_{run}.json', "
         "teams: [{id: honest}, {id: forger}], trials: [{id: kitting_near_miss}]}",
         encoding="utf-8",
     )

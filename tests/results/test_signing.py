@@ -39,7 +39,7 @@ def result_text(tmp_path_factory: pytest.TempPathFactory) -> str:
     log = write_trial_log(
         tmp_path_factory.mktemp("log") / "t.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS
     )
-    return as_json(score_trial(log, "paper2020"))
+    return as_json(score_trial(log, "paper2020.published"))
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "the signature is cut": (_kept(0.5), "not a whole signature"),
     "the signature is empty": (_kept(0.0), "not a whole signature"),
     "the signature is another text": (_line(1, lambda _: b"hello"), "not a whole signature"),
-    "the signature is gone": (lambda result: signature_file(result).unlink(), "cannot be read"),
+    "the signature is gone": (lambda result: signature_file(result).unlink(), "it is not signed"),
     "the signature is huge": (_line(0, lambda line: line + b"x" * 20_000), "too large for a signature"),
 }
 

@@ -814,3 +814,72 @@ def test_a_first_party_monitor_has_to_say_what_a_gap_leaves_open(monkeypatch: py
 
     with pytest.raises(ContractError, match="does not say what a gap leaves open"):
         check()
+
+
+# What a cut leaves ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fast:
+    """Too fast at a moment; all of the log decides, or what was seen, as it says.
+
+    Measures:
+        Speed.
+    Violated when:
+        It is above the limit, in the mean of all of the log or at a sample.
+    Source:
+        This test.
+    """
+
+    when_cut: str = "adds"
+    of_all: bool = False
+
+    def needs(self) -> Iterator[SignalNeed]:
+        yield SignalNeed("speed", "m/s")
+
+    def watch(self, trial: Trial) -> Iterator[Finding]:
+        """The first sample that is too fast; or whether the log has fewer than all of the samples."""
+        speed = trial.signals.get("speed/robot")
+        if speed is None or not len(speed):
+            yield Finding.inconclusive("trial", "no speed")
+            return
+        too_fast = speed.values > MEDIAN_M_S
+        if self.of_all:
+            too_fast = np.array([speed.t[-1] - speed.t[0] < WAVES.signals["speed/robot"].t[-1] - 1.5])
+        if not too_fast.any():
+            yield Finding.satisfied("trial", "never too fast")
+            return
+        at_s = float(speed.t[int(np.argmax(too_fast))])
+        yield replace(Finding.violated("trial", "too fast"), span=Span(at_s, at_s))
+
+
+@pytest.mark.parametrize(
+    ("when_cut", "of_all", "message"),
+    [
+        ("adds", False, ""),
+        ("open", True, ""),
+        ("adds", True, "says 'adds' of a cut (what was seen stays, and more may have come), but 'trial' is "),
+        ("kept", True, "but it finds something else of a log that is cut off at "),
+        ("stays", False, "'when_cut' is one of adds, kept, witnessed, official, open"),
+    ],
+)
+def test_a_check_is_held_to_what_it_says_of_a_cut(when_cut: str, of_all: bool, message: str) -> None:
+    (check,) = [c for c in contract_checks(Fast(when_cut, of_all), WAVES) if c.name == "when_cut"]
+    if not message:
+        check()
+        return
+    with pytest.raises(ContractError, match=re.escape(message)):
+        check()
+
+
+def test_a_rule_that_needs_all_of_the_log_may_not_say_that_a_cut_leaves_it_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rule = REGISTRY.find(RULES, "kitting.order_time").build({})
+    trial = kitting_trial()
+    (check,) = [c for c in contract_checks(rule, trial) if c.name == "when_cut"]
+    check()
+    monkeypatch.setattr(type(rule), "when_cut", "kept", raising=False)
+
+    with pytest.raises(ContractError, match="finds something else of a log that is cut off"):
+        check()

@@ -254,7 +254,7 @@ def lab(tmp_path: Path) -> Path:
     folder.mkdir()
     (folder / "lab.py").write_bytes(CODE.encode())
     (folder / "lab.yaml").write_text(RULES, encoding="utf-8")
-    base = "id: lab_base\ntitle: t\nsource: s\nextends: paper2020\n"
+    base = "id: lab_base\ntitle: t\nsource: s\nextends: paper2020.published\n"
     (folder / "base.yaml").write_text(base, encoding="utf-8")
     (folder / "test_lab.py").write_text("def test_it(): ...\n", encoding="utf-8")
     return folder
@@ -317,7 +317,7 @@ def test_grown_and_local_checks_give_the_same_score(lab: Path, tmp_path: Path, i
         ("workshop", "lab.yaml", "./lab.py:Far", "./lab.py:Fra", "no class of that name"),
         ("workshop", "lab.yaml", "./base.yaml", "../base.yaml", "no such file"),
         ("workshop", "lab.yaml", "./lab.py", "./absent.py", "cannot be read"),
-        ("workshop", "lab.yaml", "id: lab", "id: paper2020", "is provided by ariac-score"),
+        ("workshop", "lab.yaml", "id: lab", "id: paper2020.published", "is provided by ariac-score"),
         ("Workshop", "lab.yaml", "", "", "cannot be the name"),
         ("kitting", "lab.py", "NearMiss", "Pose", "has no class|no class of that name"),
         ("workshop", "test_lab.py", "def", "\udcff", "can.t decode byte"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ariac_score.errors import LogError, NothingToScoreError
-from ariac_score.logs.containers.folder import FolderScan, split_files
+from ariac_score.logs.containers.folder import FolderScan, packed_storage, split_files
 from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Scan
 from ariac_score.logs.containers.mcap import McapScan
 from ariac_score.logs.containers.ros1 import Ros1Scan
@@ -45,6 +45,8 @@ def looks_like_recording(path: Path) -> bool:
             )
     if not path.is_file():
         return False
+    if packed_storage(path):
+        return True
     with path.open("rb") as file:
         start = file.read(16)
     if not start:
@@ -81,6 +83,8 @@ def open_scan(
         raise NothingToScoreError(
             "the file is empty", file=path, hint="the recorder wrote nothing; record again"
         )
+    if packed_storage(path):
+        return FolderScan(path, jobs=jobs, topics=topics, partial=partial)
     if start.startswith(_MCAP) or (path.suffix == ".mcap"):
         return McapScan(path, jobs=jobs, topics=topics)
     if start.startswith(_SQLITE) or (path.suffix == ".db3"):
@@ -90,7 +94,7 @@ def open_scan(
     raise NothingToScoreError(
         "it is not a ROS recording",
         file=path,
-        hint="recordings are .bag, .db3 or .mcap files, or rosbag2 folders",
+        hint="recordings are .bag, .db3 or .mcap files (the last two also as .zstd), or rosbag2 folders",
     )
 
 

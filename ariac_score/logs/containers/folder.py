@@ -18,7 +18,7 @@ from ariac_score.logs.containers.items import METADATA, METADATA_KEY, Batch, Con
 from ariac_score.logs.containers.mcap import McapScan
 from ariac_score.logs.containers.sqlite import SqliteScan
 
-__all__ = ["FolderScan", "split_files"]
+__all__ = ["FolderScan", "packed_storage", "split_files"]
 
 _ZSTD = "zstd"
 _PACKED_SUFFIXES = (".zstd", ".zst")
@@ -36,7 +36,7 @@ class _Metadata:
 
 
 class FolderScan:
-    """One rosbag2 folder; see `ariac_score.logs.containers.items.Scan`."""
+    """One rosbag2 folder, or one compressed file of such; see `ariac_score.logs.containers.items.Scan`."""
 
     def __init__(
         self, path: Path, *, jobs: int = 0, topics: Container[str] | None = None, partial: bool = False
@@ -147,6 +147,15 @@ class FolderScan:
             ) from error
 
 
+def packed_storage(file: Path) -> str:
+    """How a storage file of rosbag2 is stored that was compressed as a whole; empty: it is no such file."""
+    unpacked = PurePath(file.stem).suffix
+    return _STORAGES.get(unpacked, "") if file.suffix in _PACKED_SUFFIXES else ""
+
+
+_STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+
+
 def split_files(folder: Path) -> tuple[Path, ...]:
     """The storage files of a folder that a recorder left without metadata, in their order; none: it is none.
 
@@ -188,6 +197,8 @@ def _without_metadata(path: Path, *, partial: bool) -> _Metadata:
 
 
 def _read_metadata(path: Path, *, partial: bool = False) -> _Metadata:
+    if packed := packed_storage(path):
+        return _Metadata(packed, (path,), None, "file")
     file = path / METADATA
     if not file.is_file():
         return _without_metadata(path, partial=partial)

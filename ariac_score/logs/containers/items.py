@@ -87,6 +87,8 @@ class Connection:
         definition: Text of the message definition; empty when the recording has none.
         definition_format: `ros1msg`, `ros2msg` or `ros2idl`; empty without definition.
         publisher: Who sent its messages, such as a node; empty when the container does not say.
+        sees_losses: Whether what was lost on its way to the recorder shows. `False` only of a recording made
+            through a source that drops messages and says nothing of it.
     """
 
     topic: str
@@ -95,6 +97,7 @@ class Connection:
     definition: str = ""
     definition_format: str = ""
     publisher: str = ""
+    sees_losses: bool = True
 
 
 class Message(NamedTuple):

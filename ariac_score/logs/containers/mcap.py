@@ -28,9 +28,11 @@ from ariac_score.logs.containers.items import (
 from ariac_score.logs.containers.record_index import IndexEntries, entries_of, records_at
 from ariac_score.logs.containers.source import MAX_PEEK_BYTES, Source
 
-__all__ = ["MAGIC", "McapScan"]
+__all__ = ["MAGIC", "UNSEEN_LOSSES", "McapScan"]
 
 MAGIC = b"\x89MCAP0\r\n"
+UNSEEN_LOSSES = b"\x06\0\0\0losses\x06\0\0\0unseen"
+"""In the metadata of a channel: the entry that says that its messages may be lost without a trace."""
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 _MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS, _DATA_END = 0x07, 0x08, 0x0B, 0x0F
@@ -106,6 +108,8 @@ class McapScan(ChunkedScan):
             # By the specification opcode 0 is invalid, and unknown opcodes are to be skipped.
             if op == 0 or (expected is not None and op != expected):
                 raise source.damaged(f"record type 0x{op:02x} cannot stand here", at=start)
+            if self._in_summary and op in (_CHUNK, _MESSAGE):
+                raise source.damaged(f"{_WHAT[op]} behind the end of the data", at=start)
             expected = None
             held = slabs.last
             if op == _CHUNK and length <= source.left:
@@ -332,7 +336,7 @@ class McapScan(ChunkedScan):
     def _declare_channel(self, body: _Body) -> Iterator[Connection]:
         key, schema = struct.unpack_from("<HH", body)
         topic, at = _text(body, 4)
-        encoding, _ = _text(body, at)
+        encoding, at = _text(body, at)
         if key in self._connections:
             if (self._schema_of[key], self._connections[key].topic) != (schema, topic):
                 raise ValueError(f"channel {key} is declared twice, differently")
@@ -343,7 +347,8 @@ class McapScan(ChunkedScan):
         type_, format_, definition = self._schemas.get(schema, ("", "", ""))
         self._schema_of[key] = schema
         # A recorder opens a channel for each topic, or for each publisher of it.
-        declared = Connection(topic, type_, encoding, definition, format_, f"channel {key}")
+        sees_losses = UNSEEN_LOSSES not in bytes(body[at:])
+        declared = Connection(topic, type_, encoding, definition, format_, f"channel {key}", sees_losses)
         yield self._declared(key, declared)
 
     def _cut_chunk(self, source: Source, start: int) -> Iterator[Item]:

@@ -107,6 +107,11 @@ class Collector:
             names |= {name.lstrip("/") for name in WITNESSES}
         return frozenset(name for plain in names for name in (plain, f"/{plain}"))
 
+    @property
+    def unseen_losses(self) -> bool:
+        """Whether it takes messages of a source that loses some and says nothing of it."""
+        return not all(connection.sees_losses for connection in self._routes)
+
     def _everyone(self) -> list[_Intake]:
         return [*self._intakes, self._ticks] if self._ticks else self._intakes
 
@@ -748,6 +753,7 @@ class _Intake:
         decoder = ChannelDecoder(self.channel, plugin)
         reasons: list[str] = []
         said: list[Any] = []
+        times_s: list[float] = []
         for type_, message, stamp_ns in self._items:
             try:
                 item = decoder.decode(type_, message, (stamp_ns - origin_ns) / 1e9)
@@ -756,7 +762,8 @@ class _Intake:
                 reasons.append(str(error))
                 continue
             said.append(item)
-        for item in changes(self.channel.topic, said, builder):
+            times_s.append((stamp_ns - origin_ns) / 1e9)
+        for item in changes(self.channel.topic, said, builder, times_s):
             builder.add(item)
         if len(reasons) == len(self._items):
             builder.unrecorded.append(

@@ -21,12 +21,18 @@ class _Topic:
 
 
 class TopicStatistics:
-    """Counts topics, messages and stamps while a recording is scanned."""
+    """Counts topics, messages and stamps while a recording is scanned.
+
+    Attributes:
+        messages: How many.
+        began_ns: Stamp of the first message, ns, where it is not among those that are counted.
+    """
 
     def __init__(self) -> None:
         self._topics: dict[str, _Topic] = {}
         self.messages = 0
         self._latest_ns = self._largest_step_back_ns = 0
+        self.began_ns: int | None = None
 
     def declare(self, connection: Connection) -> None:
         """Count a topic, even when no message follows."""
@@ -59,7 +65,8 @@ class TopicStatistics:
     @property
     def first_ns(self) -> int | None:
         """The earliest stamp of all, ns; `None` without messages."""
-        return min((int(s.min()) for s in self._stamps_ns()), default=None)
+        counted = (int(stamps_ns.min()) for stamps_ns in self._stamps_ns())
+        return min((*counted, *(() if self.began_ns is None else (self.began_ns,))), default=None)
 
     @property
     def last_ns(self) -> int | None:

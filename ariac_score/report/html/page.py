@@ -14,7 +14,7 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment, safe_range
 from markupsafe import Markup
 
 from ariac_score.report.html import wording
-from ariac_score.report.statements import rests_on
+from ariac_score.report.statements import left_out, rests_on
 
 __all__ = ["embedded_json", "page", "panel_environment", "part", "policy_of", "shipped"]
 
@@ -74,6 +74,7 @@ def _made(loader: FileSystemLoader | None, kind: type[Environment] = Environment
         seconds=wording.seconds,
         spoken=wording.spoken,
         untrusted=wording.untrusted,
+        left_out=left_out,
         rests_on=rests_on,
     )
     return environment
@@ -88,18 +89,20 @@ def shipped(name: str) -> Markup:
     raise FileNotFoundError(name)
 
 
-def policy_of(*scripts: str) -> str:
+def policy_of(*scripts: str, connects: bool = False) -> str:
     """The content security policy of a page: our scripts by their hash, nothing else, no network.
 
     Args:
         scripts: The texts of its inline scripts, exactly as they stand in the page.
+        connects: Whether it may ask the server that it came from.
     """
     hashes = [base64.b64encode(hashlib.sha256(s.encode("utf-8")).digest()).decode("ascii") for s in scripts]
     # Bars and marks are placed by style attributes, which differ from page to page: hashes cannot list them.
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes) or "'none'"
+    connect = "connect-src 'self'; " if connects else ""
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; "
-        "base-uri 'none'; form-action 'none'"
+        f"{connect}base-uri 'none'; form-action 'none'"
     )
 
 

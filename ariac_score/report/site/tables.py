@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Stewarded, TeamRank
 from ariac_score.ranking.violations import Tally
@@ -216,7 +217,12 @@ def _what_if(found: WhatIf) -> Table:
     return Table("what_if", "The ranking under other numbers", columns, tuple(rows))
 
 
+def _both(ends: Ends | None) -> tuple[Value, ...]:
+    return (None, None) if ends is None else (ends.least, ends.most)
+
+
 def _trials(publication: Publication) -> Table:
+    opened = any(cell.open for s in publication.final.standings for cell in s.trials.values())
     rows: list[tuple[Value, ...]] = [
         (
             s.team,
@@ -227,16 +233,29 @@ def _trials(publication: Publication) -> Table:
             cell.reason,
             " ".join(map(str, cell.runs)),
             cell.made,
+            *(_both(cell.open) if opened else ()),
         )
         for s in publication.final.standings
         for trial, cell in s.trials.items()
     ]
-    columns = ("team", "name", "trial", "score", "outcome", "reason", "runs_counted", "runs_made")
+    columns: tuple[str, ...] = (
+        "team",
+        "name",
+        "trial",
+        "score",
+        "outcome",
+        "reason",
+        "runs_counted",
+        "runs_made",
+    )
+    if opened:
+        columns = (*columns, "open_least", "open_most")
     return Table("trials", "Score of each team in each trial", columns, tuple(rows))
 
 
 def _runs(publication: Publication, conducts: Mapping[RunKey, RunConduct]) -> Table:
     terms = list(dict.fromkeys(name for run in publication.final.runs for name in run.terms))
+    opened = any(run.open for run in publication.final.runs)
     rows: list[tuple[Value, ...]] = []
     for run in publication.final.runs:
         stored = publication.results.get(run.key)
@@ -252,6 +271,7 @@ def _runs(publication: Publication, conducts: Mapping[RunKey, RunConduct]) -> Ta
                 run.reason or OUTCOMES[run.outcome],
                 stored.sha256 if stored else "",
                 *(run.terms.get(name) for name in terms),
+                *(_both(run.open) if opened else ()),
                 *(_of_run(conducts.get(run.key)) if conducts else ()),
             )
         )
@@ -266,6 +286,7 @@ def _runs(publication: Publication, conducts: Mapping[RunKey, RunConduct]) -> Ta
         "reason",
         "result_sha256",
         *terms,
+        *(("open_least", "open_most") if opened else ()),
     )
     if conducts:
         columns = (*columns, "task_points", "safety_points", "violations", "worst_approach_margin_m")

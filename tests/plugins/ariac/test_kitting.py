@@ -160,7 +160,7 @@ def test_an_empty_tray_has_everything_missing_and_nothing_unwanted_or_faulty() -
     assert [verdicts(rule, empty, order) for rule in PER_TRAY] == [[VIOLATED], [SATISFIED], [SATISFIED]]
 
 
-def scored(full: Trial, rules: str = "paper2020") -> Result:
+def scored(full: Trial, rules: str = "paper2020.published") -> Result:
     rule_set, registry = load_rule_set(rules), Registry()
     measured = measure_trial(full, prepare(rule_set, registry=registry))
     return price_trial(measured, rule_set, Provenance((), (), Pinned("", ""), Pinned("", ""), ()))
@@ -640,7 +640,11 @@ def test_a_rule_about_kits_says_of_an_assembly_that_it_does_not_judge_it(rule: R
 @pytest.mark.parametrize("kits", [(), (Task("s"),)], ids=["alone", "beside a kit"])
 @pytest.mark.parametrize(
     ("rules", "kind"),
-    [("paper2020", "assembly"), ("ariac2020.as_coded", "assembly"), ("ariac2022.as_coded", "combined")],
+    [
+        ("paper2020.published", "assembly"),
+        ("ariac2020.as_coded", "assembly"),
+        ("ariac2022.as_coded", "combined"),
+    ],
 )
 def test_a_task_of_another_kind_withholds_the_score_of_a_rule_set_without_rules_for_it(
     rules: str, kind: str, kits: tuple[Task, ...]

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from ariac_score import LogError, Verdict, score_trial
+from ariac_score.cli import main
 from ariac_score.testing.bags import Recorded
 
 from .stock_bags import (
@@ -721,6 +722,17 @@ def recorded_2023(*, nearest_m: float | None, challenges: list[dict[str, Any]] |
     ]
 
 
+def charging_at_rest(folder: Path) -> Path:
+    """The safe rules, but that a robot at rest may be too near as well: that of these recordings stands."""
+    rules = folder / "at_rest.yaml"
+    rules.write_text(
+        "id: at_rest\ntitle: At rest\nsource: a test\nextends: ariac2023.safe\n"
+        'monitors: {separation: {with: {robot_must_move: "no"}}}\n',
+        encoding="utf-8",
+    )
+    return rules
+
+
 FREE_M, NEAR_M = 4.0, 3.0
 """The release asks for 1.0 (1 + 1.5) + 0 + 0 + 1 = 3.5 m of who walks at 1 m/s past a robot that stands
 (rulebook, section 11)."""
@@ -741,7 +753,7 @@ def test_the_safe_rules_of_2023_join_the_verdict_with_the_person(
         with subtests.test(name):
             messages = recorded_2023(nearest_m=nearest_m, challenges=challenges)
             log = stock_bag(tmp_path / name.replace(" ", "_"), "2023", messages, monkeypatch)
-            result = score_trial(log, rules="ariac2023.safe")
+            result = score_trial(log, rules=charging_at_rest(tmp_path))
             verdicts = {f.verdict for f in result.measured.findings.values() if f.check == "separation"}
             assert verdicts == {kept}
             printed = [f for f in result.measured.findings.values() if f.check == "order_score"]
@@ -767,7 +779,8 @@ def test_a_simulation_at_half_speed_recorded_by_the_wall_clock_is_the_same_trial
         {
             f.quantities["time_in_violation_s"]
             for f in score_trial(
-                stock_bag(tmp_path / f"run{i}", "2023", messages, monkeypatch), rules="ariac2023.safe"
+                stock_bag(tmp_path / f"run{i}", "2023", messages, monkeypatch),
+                rules=charging_at_rest(tmp_path),
             ).measured.findings.values()
             if f.check == "separation"
         }
@@ -852,3 +865,19 @@ def test_the_printed_table_of_2025_is_the_official_total(
         with subtests.test(table=table):
             log = stock_bag(tmp_path / f"run{table}", "2025", recorded_2025(table=table), monkeypatch)
             assert score_trial(log, rules="ariac2025.official").score == score
+
+
+def test_a_stock_recording_of_2024_is_scored_by_command_without_any_message_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The kit is worth 6, the combined order 4, and the third was not handed in, as the simulator printed."""
+    log = stock_bag(tmp_path / "stock", "2024", recorded_2024(), monkeypatch)
+    assert not [m for m in recorded_2024() if m.topic.startswith("/ariac_score")]
+
+    main(["score", str(log), "--rules", "ariac2024.official"])
+    assert "task score 10, before other teams are looked at" in capsys.readouterr().out
+    assert main(["score", str(log), "--rules", "ariac2024.safe"]) == 6
+    said = capsys.readouterr().out
+    # Nobody is in it whose motion could be judged, and the simulator of 2024 has no human of its own.
+    assert "the score lies somewhere between 0 and 10; the lower end counts" in said
+    assert "  the log shows no robot and no human: at most 10 points\n" in said
