@@ -5,23 +5,33 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Sequence
 
+from fuzz.structures import structured
+
 __all__ = ["mutations"]
 
 LARGEST = 1 << 18
 _EDGES = (0, 1, 0x7F, 0x80, 0xFF)
 
 
-def mutations(corpus: Sequence[bytes], words: Sequence[bytes], *, seed: int) -> Iterator[bytes]:
-    """Inputs without end: each a seed of the corpus, changed in one to eight places.
+def mutations(
+    corpus: Sequence[bytes], words: Sequence[bytes], *, seed: int, name: str = ""
+) -> Iterator[bytes]:
+    """Inputs without end: each a seed of the corpus, changed in one to eight places, or in its format.
 
     Args:
         corpus: Whole inputs.
         words: Pieces of the format.
         seed: The same seed gives the same inputs.
+        name: Of the target; every third input is changed as its format allows, if that is known.
     """
     chance = random.Random(seed)  # noqa: S311  # made to be repeated
     while True:
-        raw = bytearray(chance.choice(corpus))
+        whole = chance.choice(corpus)
+        made = structured(name, whole, chance) if chance.random() < 1 / 3 else None
+        if made is not None:
+            yield made
+            continue
+        raw = bytearray(whole)
         for _ in range(chance.randint(1, 8)):
             _change(raw, corpus, words, chance)
         yield bytes(raw[:LARGEST])

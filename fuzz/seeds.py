@@ -35,6 +35,7 @@ from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_database import write_database_competition as write_database
 from ariac_score_ariac.testing.official_texts import Outcome, PlannedOrder, sensor_cost_text, trial_log_text
 from ariac_score_ariac.testing.recordings import recorded_messages
+from fuzz.targets import SMALL_RULES
 
 __all__ = ["CORPUS", "write_corpus"]
 
@@ -251,26 +252,9 @@ def _teams(_: Path) -> Seeds:
     yield "2022", _TEAM
 
 
-_RULES = """id: small
-title: small rules
-source: made for fuzzing
-log_map: ariac2020
-competition: {use: ariac}
-rules: {pose: {use: kitting.pose, with: {max_distance_m: 0.03}}}
-monitors:
-  separation: {use: stl.formula, with: {formula: always d > 1, signals: {d: centre_distance in m}}}
-parameters: {each: 2}
-terms:
-  submission: {right: each * points(pose)}
-  order: {right: sum(submission.right)}
-  trial: {lost: violated(separation)}
-score: sum(order.right) - lost
-"""
-
-
 def _rule_sets(_: Path) -> Seeds:
     yield "extends", b"id: mine\nextends: paper2020\ntitle: mine\nsource: mine\n"
-    yield "small", _RULES.encode()
+    yield "small", SMALL_RULES.encode()
 
 
 def _log_maps(_: Path) -> Seeds:
@@ -355,7 +339,7 @@ def _results(work: Path) -> Seeds:
     yield "2024", text.encode()
     log = work / "t.jsonl"
     log.write_bytes(next(_jsonl(work))[1])
-    yield "small", as_json(score_trial(log, rule_set_from_text(_RULES, file="small.yaml"))).encode()
+    yield "small", as_json(score_trial(log, rule_set_from_text(SMALL_RULES, file="small.yaml"))).encode()
 
 
 def _archives(_: Path) -> Seeds:
@@ -409,8 +393,11 @@ def _signatures(_: Path) -> Seeds:
 
 def _phases(_: Path) -> Seeds:
     limits = Limits(wall_s=60.0, memory_bytes=1 << 30, output_bytes=1 << 20)
-    setting = BatchSetting("id: x\n", "x", "0" * 64, "rules.yaml", limits)
-    yield "made", phase_text("finals", setting, {"kit_1": "kit_1", "kit_2": ""}).encode()
+    setting = BatchSetting(SMALL_RULES, "small", "small.yaml", limits)
+    text = phase_text("finals", setting, {"kit_1": "", "kit_2": ""})
+    yield "made", text.encode()
+    named = json.loads(text) | {"trials": {"kit_1": "kit_1.yaml"}}
+    yield "earlier", json.dumps(named | {"schema": "ariac-score/phase/1"}).encode()
 
 
 def _challenges(_: Path) -> Seeds:
@@ -449,6 +436,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "jsonl": _jsonl,
     "log_map": _log_maps,
     "mcap": _mcap,
+    "mcap_peer": _mcap_scan,
     "mcap_scan": _mcap_scan,
     "oracle": _frames,
     "performance_log": _performance,
@@ -457,6 +445,7 @@ _MAKERS: dict[str, Callable[[Path], Seeds]] = {
     "rml": _rml,
     "rml_events": _rml_events,
     "ros1_bag": _ros1,
+    "ros1_peer": _ros1_scan,
     "ros1_scan": _ros1_scan,
     "ros_monitoring": _monitored,
     "rule_set": _rule_sets,

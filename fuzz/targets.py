@@ -20,11 +20,13 @@ import numpy as np
 
 from ariac_score import Body, Signal, Span, Trial, load_rule_set
 from ariac_score.batch.index import checked_rows, read_rows
+from ariac_score.checks import registry
 from ariac_score.checks.contracts import Monitor, Reader, Wanted
 from ariac_score.checks.guarded import GuardedDecoder
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.read import find_trial
 from ariac_score.errors import PluginError, ScoreError
+from ariac_score.installed.points import installed_points
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import UnknownTypeError, column_decoder_for
 from ariac_score.logs.containers.items import Batch, Connection
@@ -34,7 +36,7 @@ from ariac_score.oracle.conversation import Conversation
 from ariac_score.oracle.judges import RulesBench
 from ariac_score.platforms.archives import ArchiveLimits, is_archive, unpack
 from ariac_score.platforms.evalai import check_challenge
-from ariac_score.platforms.submission import load_phase
+from ariac_score.platforms.submission import RULES, load_phase
 from ariac_score.ranking.competition import load_competition
 from ariac_score.results.adjustments import load_adjustments
 from ariac_score.results.cohort_file import load_cohort
@@ -50,11 +52,27 @@ from ariac_score_rml.traces import read_events
 from ariac_score_stl import StlFormula
 from fuzz.columns import decode_both_ways
 from fuzz.containers import mcap_three_ways, ros1_three_ways
+from fuzz.peers import mcap_with_peer, ros1_with_peer
 from fuzz.wide import decode_wide_texts
 
-__all__ = ["TARGETS", "Target"]
+__all__ = ["SMALL_RULES", "TARGETS", "Target", "look_up_once"]
 
 _EVENTS = ({"x": 1, "name": "a"}, {"x": 2.5, "y": {"z": [1, 2]}}, {"x": "1"}, {"x": -1, "y": 3})
+SMALL_RULES = """id: small
+title: small rules
+source: made for fuzzing
+log_map: ariac2020
+competition: {use: ariac}
+rules: {pose: {use: kitting.pose, with: {max_distance_m: 0.03}}}
+monitors:
+  separation: {use: stl.formula, with: {formula: always d > 1, signals: {d: centre_distance in m}}}
+parameters: {each: 2}
+terms:
+  submission: {right: each * points(pose)}
+  order: {right: sum(submission.right)}
+  trial: {lost: violated(separation)}
+score: sum(order.right) - lost
+"""
 _SPEC = "a matches {x:1}; b(n) matches {y:n}; Main = (a \\/ {let n; b(n)})*;"
 _SMALL = ArchiveLimits(members=100, bytes=1 << 22)
 
@@ -103,6 +121,14 @@ def _refusals() -> Iterator[None]:
 @cache
 def _registry() -> Registry:
     return Registry()
+
+
+def look_up_once() -> None:
+    """Look up what is installed once, and not for each input: that takes ten times as long as most of them.
+
+    For a process that does nothing but fuzz.
+    """
+    registry.installed_points = cache(installed_points)  # type: ignore[attr-defined]
 
 
 @cache
@@ -260,7 +286,7 @@ def _signature(folder: Path, raw: bytes) -> None:
 
 def _phase(folder: Path, raw: bytes) -> None:
     (folder / "phase.json").write_bytes(raw)
-    (folder / "rules.yaml").write_text("id: x\n", encoding="utf-8")
+    (folder / RULES).write_text(SMALL_RULES, encoding="utf-8")
     with _refusals():
         load_phase(folder)
 
@@ -362,6 +388,7 @@ _JSON = (b'{"', b'": ', b"[[[[", b"1e400", b"NaN", b"-Infinity", b"null", b"9" *
 _YAML = (b"&a ", b"*a", b"\n- ", b": ", b"!!python/name:os.system ", b"<<: ", b"0x10", b"1e999", b".nan")
 _TEXT = (b"N/A", b"-1", b"1e308", b"\n\n", b"\t", b"yes", b"[", b"]", b"\x1b[31m", b"9" * 30)
 _MCAP = (b"\x89MCAP0\r\n", *(bytes([op]) for op in range(1, 16)))
+_ROS1 = (b"op=", b"size=", b"conn=", b"chunk_pos=", b"ver=", b"count=")
 _SQL = (b"CREATE VIEW ", b"CREATE TRIGGER ", b"WITH RECURSIVE ", b"GENERATED ALWAYS AS ", b"VIRTUAL ")
 _MSG = (
     b"=" * 80 + b"\n",
@@ -410,6 +437,7 @@ TARGETS: Mapping[str, Target] = {
     "expression": Target(_expression, _SUMS),
     "jsonl": Target(_reader("jsonl", "log.jsonl"), _JSON),
     "log_map": Target(_log_map, _YAML),
+    "mcap_peer": Target(mcap_with_peer, _MCAP),
     "mcap_scan": Target(mcap_three_ways, _MCAP),
     "mcap": Target(_reader("rosbag", "log.mcap"), _MCAP),
     "oracle": Target(_oracle, (*_JSON, b'"topic"', b'"time"')),
@@ -418,7 +446,8 @@ TARGETS: Mapping[str, Target] = {
     "result": Target(_result, _JSON),
     "rml": Target(_rml, _RML),
     "rml_events": Target(_rml_events, _JSON),
-    "ros1_scan": Target(ros1_three_ways, (b"op=", b"size=", b"conn=", b"chunk_pos=", b"ver=", b"count=")),
+    "ros1_peer": Target(ros1_with_peer, _ROS1),
+    "ros1_scan": Target(ros1_three_ways, _ROS1),
     "ros1_bag": Target(_reader("rosbag", "log.bag"), (b"#ROSBAG V2.0\n", b"op=", b"size=", b"conn=", b"bz2")),
     "ros_monitoring": Target(_reader("ros_monitoring", "log.json"), (*_JSON, b"array('d', [", b"'topic'")),
     "rule_set": Target(_rule_set, (*_YAML, *_SUMS)),

@@ -1,0 +1,11 @@
+#!/bin/bash -eu
+# One program for each target, with its seeds and its words: `$OUT/fuzz_NAME`, `_seed_corpus.zip`, `.dict`.
+# Run by OSS-Fuzz in the folder of the checkout, with `compile_python_fuzzer` in the path.
+pip3 install . mcap
+for folder in fuzz/corpus/*/; do
+  name=$(basename "$folder")
+  sed "s/@TARGET@/$name/" fuzz/oss-fuzz/fuzz_target.py.in >"fuzz_$name.py"
+  compile_python_fuzzer "fuzz_$name.py" --paths . --collect-all ariac_score --collect-all rosbags
+  zip -q -j "$OUT/fuzz_${name}_seed_corpus.zip" "$folder"*
+done
+python3 fuzz/run --words "$OUT"
