@@ -149,7 +149,7 @@ class Prepared:
     def derived(self, trial: Trial) -> Trial:
         """The trial with the signals that its checks need and that can be derived from what it has."""
         return derive_signals(
-            trial,
+            replace(trial, between=self.between),
             self.derivations,
             speed_window_s=self.log_map.speed_window_s,
             brought=self.brought,

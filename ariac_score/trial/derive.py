@@ -143,7 +143,7 @@ def derive_signals(
     """The trial with every wanted signal that can be derived from what it records.
 
     Args:
-        trial: As read.
+        trial: As read. What it assumes of the time between samples bounds speeds that late stamps make too high.
         wanted: What monitors need; a quantity wanted twice takes the shorter gap.
         speed_window_s: Half width of the centred difference, s; 0 means two samples.
         brought: How plugins compute further quantities; ours count where both know one.
@@ -217,6 +217,7 @@ class _Deriver:
         self.bodies = {body.id: body for body in trial.bodies}
         self.signals: dict[str, Signal] = dict(trial.signals)
         self.as_consumed = trial.as_consumed
+        self.between = trial.between
         self.speed_window_s = speed_window_s
         self.shortest_gaps_s = shortest_gaps_s
         self.brought = brought
@@ -308,11 +309,23 @@ class _Deriver:
             TELEPORT_SPEED_M_S,
             max_gap_s if not position.constant else np.inf,
             position.holes,
+            fastest_m_s=self._fastest_m_s(point),
+            time_error_s=self._time_error_s(position),
         )
         if velocity.jumps:
             message = f"{point} jumped faster than {TELEPORT_SPEED_M_S:g} m/s; its track was split there"
             self.defects.add(LogDefect("teleport", position.name, velocity.jumps, message))
         return velocity.t, velocity.values
+
+    def _fastest_m_s(self, point: str) -> float:
+        """How fast a body or one of its links can be; infinite where nobody says."""
+        body = self.bodies.get(point.partition("::")[0])
+        bound = None if self.between is None or body is None else self.between.of(body.kind)
+        return np.inf if bound is None else bound.max_speed_m_s
+
+    def _time_error_s(self, position: Signal) -> float:
+        """How far its stamps may lie from the times they are for, as far as bounds are assumed at all."""
+        return 0.0 if self.between is None else max(self.between.time_error_s, position.stamp_jitter_s)
 
     def _speed(self, subject: str, max_gap_s: float) -> Made | None:
         """Speed of the origin or, where links are followed, of the fastest of origin and links."""

@@ -61,6 +61,9 @@ def centred_velocity(
 class Velocity:
     """The velocity of one point, computed on demand.
 
+    With stamps that may be wrong by `time_error_s` a point is no faster than `fastest_m_s`, m/s, unless even
+    then its steps show that it was.
+
     Attributes:
         t: The times at which there is one, shape (m,), s.
         jumps: How often the point jumped.
@@ -75,11 +78,17 @@ class Velocity:
         teleport_speed_m_s: float,
         max_gap_s: float,
         holes: Sequence[Span] = (),
+        *,
+        fastest_m_s: float = np.inf,
+        time_error_s: float = 0.0,
     ) -> None:
         self._all_t, self._positions_m = t, positions_m
         self._half_samples, self._half_s = half_window_samples, half_window_s
+        self._fastest_m_s, self._error_s = fastest_m_s, time_error_s
         steps_s = np.diff(t)
-        jumps = np.flatnonzero(lengths(np.diff(positions_m, axis=0)) > teleport_speed_m_s * steps_s)
+        # No jump where stamps that are wrong explain the step.
+        lasts_s = steps_s + 2.0 * time_error_s
+        jumps = np.flatnonzero(lengths(np.diff(positions_m, axis=0)) > teleport_speed_m_s * lasts_s)
         # 1 ns for rounding, as in `covered`; a step that lies in a hole is one across a gap, however short.
         gaps = np.flatnonzero((steps_s > max_gap_s + 1e-9) | within_spans((t[1:] + t[:-1]) / 2, holes))
         self.jumps = len(jumps)
@@ -105,5 +114,20 @@ class Velocity:
         track = self._begins.searchsorted(index, side="right") - 1 if len(self._begins) > 1 else 0
         low, high = np.maximum(low, self._begins[track]), np.minimum(high, self._ends[track] - 1)
         way = np.take(self._positions_m, high, axis=0) - np.take(self._positions_m, low, axis=0)
-        velocities: FloatArray = way / (t[high] - t[low])[:, None]
+        lasts_s = t[high] - t[low]
+        velocities: FloatArray = way / lasts_s[:, None]
+        if self._error_s > 0.0 and np.isfinite(self._fastest_m_s):
+            return self._believable(velocities, lasts_s)
         return velocities
+
+    def _believable(self, velocities: FloatArray, lasts_s: FloatArray) -> FloatArray:
+        """The velocities, none above the bound of the body but for what wrong stamps cannot explain.
+
+        Two messages that come late and close together make a body faster than it was, and so a violation
+        that never was.
+        """
+        speeds = lengths(velocities)
+        surely = speeds * lasts_s / (lasts_s + 2.0 * self._error_s)
+        most = np.maximum(self._fastest_m_s, surely)
+        share = np.divide(most, speeds, out=np.ones_like(speeds), where=speeds > most)
+        return np.asarray(velocities * share[:, None], dtype=np.float64)

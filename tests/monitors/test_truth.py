@@ -37,6 +37,14 @@ def test_of_late_stamps_fewer_samples_never_bound_more(truth: ModuleType) -> Non
     assert robbed <= honest + 1e-9
 
 
+def test_where_intervals_are_held_late_stamps_make_no_violation_that_leaving_out_takes_back(
+    truth: ModuleType,
+) -> None:
+    """Seed 6495, 25 Hz: messages that came close together made a human faster than the rules say it can be."""
+    found = truth.tried(6495, 4.0)
+    assert found.gained_held == 0.0
+
+
 @pytest.mark.slow
 def test_the_true_score_lies_in_the_interval_of_every_recording_and_leaving_out_does_not_pay(
     truth: ModuleType, subtests: pytest.Subtests

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from ariac_score.trial.bounds import BetweenSamples, MotionBound
 from ariac_score.trial.derive import Derivation, derive_signals, source_quantities
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.nearest import nearest_distances
@@ -46,6 +47,33 @@ def along_x(*x_m: float) -> FloatArray:
 
 
 # Speeds --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error_s", "bound_m_s", "speed_m_s"),
+    [
+        (0.0, 1.6, 2.5),  # right stamps: 1 cm in 4 ms is what it was
+        (0.005, 1.6, 1.6),  # 14 ms at most: at least 0.71 m/s, and no faster than the bound
+        (0.005, 0.5, 0.01 / 0.014),  # even then above the bound: what cannot be explained stays
+        (0.005, 4.0, 2.5),
+    ],
+)
+def test_late_stamps_make_no_body_faster_than_its_bound(
+    error_s: float, bound_m_s: float, speed_m_s: float
+) -> None:
+    position = Signal("position/human", "m", np.array([0.0, 0.004]), along_x(0, 0.01))
+    assumed = BetweenSamples({"human": MotionBound(bound_m_s)}, time_error_s=error_s)
+    of = derived(replace(trial(position, bodies=(HUMAN,)), between=assumed), "speed")
+    np.testing.assert_allclose(of.signals["speed/human"].values, speed_m_s)
+
+
+def test_what_late_stamps_explain_is_no_jump() -> None:
+    """2 cm in 2 ms, stamped on arrival up to 10 ms late: 0.9 m/s at least, and not 10."""
+    position = Signal("position/human", "m", np.array([0.0, 0.002]), along_x(0, 0.02), stamp_jitter_s=0.01)
+    found = derived(replace(trial(position, bodies=(HUMAN,)), between=BetweenSamples()), "speed")
+    assert found.signals["speed/human"].values.tolist() == [4.0, 4.0]
+    assert found.log_defects == ()
+    assert "speed/human" not in derived(trial(position, bodies=(HUMAN,)), "speed").signals
 
 
 def test_a_steady_movement_has_one_velocity_everywhere_also_at_the_ends() -> None:
