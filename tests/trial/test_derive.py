@@ -61,19 +61,19 @@ def along_x(*x_m: float) -> FloatArray:
 def test_late_stamps_make_no_body_faster_than_its_bound(
     error_s: float, bound_m_s: float, speed_m_s: float
 ) -> None:
-    position = Signal("position/human", "m", np.array([0.0, 0.004]), along_x(0, 0.01))
+    position = Signal("position/person_1", "m", np.array([0.0, 0.004]), along_x(0, 0.01))
     assumed = BetweenSamples({"human": MotionBound(bound_m_s)}, time_error_s=error_s)
     of = derived(replace(trial(position, bodies=(HUMAN,)), between=assumed), "speed")
-    np.testing.assert_allclose(of.signals["speed/human"].values, speed_m_s)
+    np.testing.assert_allclose(of.signals["speed/person_1"].values, speed_m_s)
 
 
 def test_what_late_stamps_explain_is_no_jump() -> None:
     """2 cm in 2 ms, stamped on arrival up to 10 ms late: 0.9 m/s at least, and not 10."""
-    position = Signal("position/human", "m", np.array([0.0, 0.002]), along_x(0, 0.02), stamp_jitter_s=0.01)
+    position = Signal("position/person_1", "m", np.array([0.0, 0.002]), along_x(0, 0.02), stamp_jitter_s=0.01)
     found = derived(replace(trial(position, bodies=(HUMAN,)), between=BetweenSamples()), "speed")
-    assert found.signals["speed/human"].values.tolist() == [4.0, 4.0]
+    assert found.signals["speed/person_1"].values.tolist() == [4.0, 4.0]
     assert found.log_defects == ()
-    assert "speed/human" not in derived(trial(position, bodies=(HUMAN,)), "speed").signals
+    assert "speed/person_1" not in derived(trial(position, bodies=(HUMAN,)), "speed").signals
 
 
 def test_a_steady_movement_has_one_velocity_everywhere_also_at_the_ends() -> None:
