@@ -7,9 +7,9 @@ none faster than the rules state. Its true score is that of all the samples. It 
 of a recorder and measured again under `between_samples: bounded`. The true score has to lie between the
 scores of the two worlds. Then an adversary leaves out samples, and the end that counts may be above neither
 the truth nor, but for `CUTS`, that of the honest recording. Last, both are measured by the usual rules
-(`between_samples: held`, the rate stated), whose width is reported, and how far the adversary raised the end
-that counts. Exits with 1 where anything of it fails, naming the seed. With `--kept` each trial is a line of
-a file, and a run that was stopped goes on where it was.
+(`between_samples: held`, the rate stated), whose width is reported, how far the truth lies outside of it, and
+how far the adversary raised the end that counts. Exits with 1 where anything of it fails, naming the seed.
+With `--kept` each trial is a line of a file, and a run that was stopped goes on where it was.
 
 The recorders:
 
@@ -238,6 +238,7 @@ class Tried:
         adversary: Who left samples out.
         robbed: The worst end then.
         gained_held: By how much he raised the worst end where every usual interval counts as seen.
+        missed_held: How far the truth lies outside of the interval there: above it, or below it (negative).
     """
 
     seed: int
@@ -250,6 +251,7 @@ class Tried:
     adversary: str
     robbed: float
     gained_held: float
+    missed_held: float
 
     @property
     def width(self) -> float:
@@ -278,7 +280,9 @@ def tried(seed: int, seconds: float) -> Tried:
     again, again_held = (ends_of(left, rules)[0] for rules in (bounded, usual))
     true, _ = score_of(whole, held)
     gained = again_held - least_held if again_held > least_held else 0.0
-    return Tried(seed, rate_hz, model, true, least, most, most_held - least_held, adversary, again, gained)
+    missed = true - min(max(true, least_held), most_held)
+    width = most_held - least_held
+    return Tried(seed, rate_hz, model, true, least, most, width, adversary, again, gained, missed)
 
 
 # Reports ---------------------------------------------------------------------------------------
@@ -301,6 +305,17 @@ def _cell(own: list[Tried]) -> str:
         return ""
     width, held = (float(np.mean([number(one) for one in own])) for number in (_width, _held))
     return f"{width:.2f}, {held:.2f} ({sum(one.holds for one in own)} of {len(own)})"
+
+
+def _missed(found: list[Tried]) -> str:
+    """How many intervals the truth lies outside of where usual intervals count as seen, and how far."""
+    above = [one.missed_held for one in found if one.missed_held > ROUNDING]
+    below = [-one.missed_held for one in found if one.missed_held < -ROUNDING]
+    said = [
+        f"{len(some)} lie {side} their interval, by {max(some, default=0.0):.3f} at most"
+        for some, side in ((above, "above"), (below, "below"))
+    ]
+    return f"of the true scores {', '.join(said)}"
 
 
 def _width(one: Tried) -> float:
@@ -344,6 +359,7 @@ def main() -> int:
     print(table(found), end="")
     print(f"{len(found)} trials, {len(failed)} fail{': ' + str(failed[:20]) if failed else ''}")
     print(f"bounded: {gained} adversaries raised the end that counts above that of the honest recording")
+    print(f"held: {_missed(found)}")
     held = {one.seed: one.gained_held for one in found if one.gained_held > ROUNDING}
     named = "".join(f", {seed}: {points:.3f}" for seed, points in sorted(held.items()))
     print(f"held: {len(held)} adversaries raised it{named}")
