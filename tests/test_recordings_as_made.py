@@ -175,6 +175,31 @@ def begun_late(messages: Messages) -> Messages:
     return in_order([m for m in (*messages, *words) if since_s(m) >= 5.0])
 
 
+def watched_late(messages: Messages) -> Messages:
+    """That collisions are watched for is said at 15 s."""
+    return in_order(
+        [replace(m, t_ns=ORIGIN_NS + 15 * S) if m.fields.get("kind") == "watching" else m for m in messages]
+    )
+
+
+def silent(messages: Messages) -> Messages:
+    """That the competition runs is said at 13 s, and since 0.5 s nothing."""
+    go = next(m for m in messages if m.topic == STATE)
+    others = [m for m in messages if m is not go]
+    return in_order([replace(go, fields={"data": "init"}), *others, replace(go, t_ns=ORIGIN_NS + 13 * S)])
+
+
+def denied(messages: Messages) -> Messages:
+    """The human is said to stand from 17 to 23 s, while her frame moves on."""
+    stands = [
+        replace(m, fields={**m.fields, "human_operator_speed": 0.0})
+        if m.topic == SNAPSHOT and 17.0 <= since_s(m) < 23.0
+        else m
+        for m in messages
+    ]
+    return in_order([*stands, *(m for m in by_frames() if m.topic.startswith(TF))])
+
+
 @dataclass(frozen=True)
 class Row:
     """One row of the table.
@@ -230,6 +255,13 @@ ROWS = (
         6,
     ),
     Row(
+        "frames are stamped in simulated time, which falls 5 s behind the recorder's, without `/clock`",
+        lambda: slowed(by_frames()),
+        r"on topic /tf its headers and the recorder drift \+\d\.\d+ s apart.*\n.*record /clock too",
+        "refused: events have no stamp of that clock; record `/clock`",
+        6,
+    ),
+    Row(
         "`/clock` stops for 5 s",
         lambda: in_order(
             [*slowed(by_snapshots()), *ticks([k / 10 for k in range(401) if not 200 <= k < 250]), *joints()]
@@ -280,6 +312,27 @@ ROWS = (
         lambda: begun_late(by_snapshots()),
         r"its first message already says that the competition runs",
         "an interval: when it started is not shown",
+        6,
+    ),
+    Row(
+        "for 12.5 s nothing says whether the competition runs, and then it does",
+        lambda: silent(by_snapshots()),
+        r"says nothing for 12\.500 s, and then that the competition runs",
+        "an interval: when it started is not shown",
+        6,
+    ),
+    Row(
+        "that collisions are watched for is said at 15 s",
+        lambda: watched_late(by_snapshots()),
+        r"watched for from 15\.000 s on only: nobody knows what happened before",
+        "an interval: whether there was one is not shown",
+        6,
+    ),
+    Row(
+        "the human is said to stand while her frame moves on",
+        lambda: denied(by_snapshots()),
+        r"says from 16\.\d+ s on that it is less than two thirds as fast as its positions show",
+        "how fast she was is unknown; an interval",
         6,
     ),
     Row(

@@ -29,6 +29,9 @@ from ariac_score.trial.vocabulary import quantity_of, signal_in_words, subject_o
 
 __all__ = ["Broken", "Unseen", "broken_bounds"]
 
+ROUNDED_M = 1e-6
+"""Places are written as 32-bit numbers, or with six digits."""
+
 FAR_M = 1e6
 """Stands for a distance that nothing bounds."""
 
@@ -482,8 +485,26 @@ def _broken(
         change = np.diff(values, axis=0)
         way = lengths(change) if change.ndim > 1 else np.abs(change)
         needed = np.maximum(way - 2.0 * assumed.distance_error_m, 0.0) / steps_s
-        return _first_above(t[1:], needed, top, "m/s")
+        found = _first_above(t[1:], needed, top, "m/s")
+        if found is not None or quantity != "position" or math.isinf(motion[0].max_acceleration_m_s2):
+            return found
+        off_m = assumed.distance_error_m + top * assumed.time_error_s
+        return _first_above(t[2:], _turned(t, values, off_m), motion[0].max_acceleration_m_s2, "m/s2")
     return None
+
+
+def _turned(t: FloatArray, places_m: FloatArray, off_m: float) -> FloatArray:
+    """The acceleration that each place and the two before it need at least, shape (n - 2,), m/s2.
+
+    From the middle of one interval to that of the next a velocity changes from the mean one of the former to
+    that of the latter: with less, no motion passes through all three. Places are wrong by `off_m` at most.
+    """
+    if len(t) < 3:
+        return np.zeros(0)
+    lasts_s, off_m = np.diff(t), off_m + ROUNDED_M
+    mean = np.diff(places_m, axis=0) / lasts_s[:, None]
+    surely = lengths(np.diff(mean, axis=0)) - 2.0 * off_m * (1.0 / lasts_s[1:] + 1.0 / lasts_s[:-1])
+    return np.asarray(2.0 * np.maximum(surely, 0.0) / (lasts_s[1:] + lasts_s[:-1]), dtype=np.float64)
 
 
 def _first_above(

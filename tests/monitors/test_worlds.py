@@ -418,6 +418,34 @@ def built(values: Mapping[str, tuple[str, Any]], stated: Mapping[str, Any]) -> T
     return replace(made.build(), between=between_samples({}, stated))
 
 
+@pytest.mark.parametrize(
+    ("stated", "needed"),
+    [
+        ({"max_acceleration_m_s2": 1.9}, 1.96),  # 2 m/s2, less what six digits of places are worth at 100 Hz
+        ({"max_acceleration_m_s2": 2.1}, None),
+        ({"max_acceleration_m_s2": 1.9, "error": {"distance_error_m": 0.001}}, None),
+        ({"max_acceleration_m_s2": 1.9, "error": {"time_error_s": 0.001}}, None),
+    ],
+)
+def test_places_that_turn_sharper_than_stated_break_the_bound(
+    stated: dict[str, Any], needed: float | None
+) -> None:
+    """From rest at 2 m/s2: x = t^2."""
+    t = np.arange(101) / 100
+    places = {"position/ann": ("m", np.stack([t**2, 0 * t, 0 * t], axis=1))}
+    errors = stated.pop("error", {})
+    bounds = {"human": {"max_speed_m_s": 3.0, **stated, "source": "here"}, **errors}
+
+    broken = broken_bounds(built(places, bounds), between_samples({}, bounds))
+
+    if needed is None:
+        assert broken is None
+    else:
+        assert broken is not None
+        assert (broken.bodies, broken.t_s, broken.bound, broken.unit) == ("ann", 0.02, 1.9, "m/s2")
+        assert broken.needed == pytest.approx(needed)
+
+
 def with_glitch(usual: float, glitch: float) -> list[float]:
     return [glitch if k == 50 else usual for k in range(101)]
 
