@@ -684,12 +684,20 @@ def test_no_attack_brings_more_than_honesty(
             else:
                 assert found <= honest
                 assert found == Decimal(attack.counts)
-        counts = attack.counts if attack.counts[0].isdigit() else "refused"
-        rows.append(f"| {attack.name} | {attack.honest} | {counts} | {attack.shows} |")
+        counts, believed = attack.counts if attack.counts[0].isdigit() else "refused", ""
+        if attack.rules == ATTESTED:  # what the same brings where the rules do not ask who recorded it
+            unattested = attack.change(attack.log(desk.folder))
+            believed = str(desk.score("believed", unattested, replace(attack, rules=""))[0])
+        rows.append(f"| {attack.name} | {attack.honest} | {counts} | {believed} | {attack.shows} |")
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     written, _, after = rest.partition(END)
     table = "\n".join(
-        ("| what is done | honest | counts | what shows it |", "|---|---:|---:|---|", *rows, "")
+        (
+            "| what is done | honest | counts | if nobody asks | what shows it |",
+            "|---|---:|---:|---:|---|",
+            *rows,
+            "",
+        )
     )
     if update_golden:
         PAGE.write_text(f"{before}{BEGIN}{table}{END}{after}", encoding="utf-8")

@@ -17,10 +17,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import BoolArray, FloatArray
 from ariac_score.trial.vectors import dot, lengths
 
 __all__ = [
+    "Drive",
     "Place",
     "between",
     "distance_to_lens",
@@ -171,6 +172,100 @@ def off_the_chord(
     return np.asarray(acceleration_m_s2 * np.asarray(since_s) * np.asarray(until_s) / 2.0, dtype=np.float64)
 
 
+_HALVINGS = 32
+"""A velocity is then found to a billionth of the greatest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """How a point can move from one sample to the next: no faster, and its velocity changing no faster.
+
+    Attributes:
+        since_s: Since the sample before, shape (n,), s.
+        until_s: Until the one after, shape (n,), s.
+        top_m_s: Its greatest speed, m/s.
+        acceleration_m_s2: Its greatest acceleration, m/s2.
+        before_m_s: How fast it was at the sample before at most, shape (n,), m/s.
+        after_m_s: And at the one after.
+    """
+
+    since_s: FloatArray
+    until_s: FloatArray
+    top_m_s: float
+    acceleration_m_s2: float
+    before_m_s: FloatArray
+    after_m_s: FloatArray
+
+    def least(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """The least of one coordinate between two samples of it, shape (n,), m.
+
+        Tight at each instant. Whatever its velocity is there, it bounds how far the point has come and how
+        far it can get; the one for which both say the same leaves the most.
+        """
+        fastest = self._fastest()
+        low, high = -fastest, fastest
+        for _ in range(_HALVINGS):
+            velocity = (low + high) / 2.0
+            from_before, from_after = self._by_both(before, after, velocity)
+            slower = from_before < from_after
+            low, high = np.where(slower, velocity, low), np.where(slower, high, velocity)
+        return np.maximum(self._by_both(before, after, low)[0], self._by_both(before, after, high)[1])
+
+    def _by_both(
+        self, before: FloatArray, after: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        return before - self._way(self.since_s, -velocity, self.before_m_s), after - self._way(
+            self.until_s, velocity, self.after_m_s
+        )
+
+    def off_the_chord(self) -> FloatArray:
+        """How far it can be from the straight way between both samples, wherever they are, shape (n,), m.
+
+        What is sought is the greatest `x - share * (x at the sample after)` of a point that starts at 0. It
+        is concave in the velocity `x` has there.
+        """
+        share = self.since_s / (self.since_s + self.until_s)
+        fastest = self._fastest()
+        low, high = -fastest, fastest
+        for _ in range(_HALVINGS):
+            velocity = (low + high) / 2.0
+            grows = (1.0 - share) * self._gain(self.since_s, velocity, self.before_m_s) > share * self._gain(
+                self.until_s, -velocity, self.after_m_s
+            )
+            low, high = np.where(grows, velocity, low), np.where(grows, high, velocity)
+        velocity = (low + high) / 2.0
+        return np.asarray(
+            (1.0 - share) * self._way(self.since_s, velocity, self.before_m_s)
+            + share * self._way(self.until_s, -velocity, self.after_m_s),
+            dtype=np.float64,
+        )
+
+    def _fastest(self) -> FloatArray:
+        """How fast it can be between both samples at most, shape (n,), m/s."""
+        by_both = np.minimum(
+            self.before_m_s + self.acceleration_m_s2 * self.since_s,
+            self.after_m_s + self.acceleration_m_s2 * self.until_s,
+        )
+        return np.minimum(self.top_m_s, by_both)
+
+    def _peak(self, lasts_s: FloatArray, velocity: FloatArray, end_m_s: FloatArray) -> FloatArray:
+        """How fast it gets on its longest way."""
+        change = self.acceleration_m_s2
+        braking = (change * lasts_s + velocity + end_m_s) / 2.0
+        return np.minimum(np.minimum(self.top_m_s, velocity + change * lasts_s), braking)
+
+    def _way(self, lasts_s: FloatArray, velocity: FloatArray, end_m_s: FloatArray) -> FloatArray:
+        """The longest way in a time that begins with a velocity and ends no faster than `end_m_s`, m."""
+        change, peak = self.acceleration_m_s2, self._peak(lasts_s, velocity, end_m_s)
+        ends = np.minimum(end_m_s, peak)
+        cruising_s = lasts_s - (2.0 * peak - velocity - ends) / change
+        return np.asarray((2.0 * peak**2 - velocity**2 - ends**2) / (2.0 * change) + peak * cruising_s)
+
+    def _gain(self, lasts_s: FloatArray, velocity: FloatArray, end_m_s: FloatArray) -> FloatArray:
+        """By how much that way grows with the velocity it begins with, m per m/s."""
+        return (self._peak(lasts_s, velocity, end_m_s) - velocity) / self.acceleration_m_s2
+
+
 @dataclass(frozen=True, eq=False)
 class Place:
     """Where a point can be: near the sample before, near the sample after, and near the way between both.
@@ -184,6 +279,9 @@ class Place:
         chord: Where it would be on the straight way between both, shape (n, k), m; `None`: nothing bounds
             how far it can be from there.
         chord_m: How far it can be from there, shape (n,), m; infinite where nothing bounds it.
+        drive: How it can move from the sample before to the one after; `None`: as its speed allows.
+        driven: Where that is known, shape (n,).
+        off_m: How far it moves in half a cell at most, shape (n,), m: `drive` is of the middle.
     """
 
     before: FloatArray
@@ -192,15 +290,42 @@ class Place:
     until_m: FloatArray
     chord: FloatArray | None = None
     chord_m: FloatArray | None = None
+    drive: Drive | None = None
+    driven: BoolArray | None = None
+    off_m: FloatArray | None = None
 
     @cached_property
     def balls(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Centre and radius of each, and of the ball around where two overlap, as far as it is smaller."""
         return (self.before, self.since_m), (self.after, self.until_m), self._overlap, *self._near_chord
 
+    def least_along(self, direction: FloatArray) -> FloatArray:
+        """The least of its coordinate in a direction, of unit vectors of shape (n, k), m."""
+        before, after = dot(self.before, direction), dot(self.after, direction)
+        least = np.maximum(before - self.since_m, after - self.until_m)
+        if self.drive is None or self.driven is None or self.off_m is None:
+            return least
+        return np.where(self.driven, np.maximum(least, self.drive.least(before, after) - self.off_m), least)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Where it may be best looked for, shape (n, k), m."""
+        return (self.before + self.after) / 2.0 if self.chord is None else self.chord
+
     @property
     def _near_chord(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
         return () if self.chord is None or self.chord_m is None else ((self.chord, self.chord_m),)
+
+    @property
+    def driven_ball(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """The ball around the straight way that `drive` leaves it in.
+
+        For the most alone: unlike the others it may be wider between nearer samples, and whoever leaves out
+        one must not make the least greater.
+        """
+        if self.drive is None or self.driven is None or self.off_m is None or self.chord is None:
+            return ()
+        return ((self.chord, np.where(self.driven, self.drive.off_the_chord() + 2.0 * self.off_m, np.inf)),)
 
     @property
     def _overlap(self) -> tuple[FloatArray, FloatArray]:
@@ -240,7 +365,11 @@ def places_apart(first: Place, second: Place) -> tuple[FloatArray, FloatArray]:
         least = np.maximum(least, first.distance_from(centre) - radius)
     for centre, radius in first.balls:
         least = np.maximum(least, second.distance_from(centre) - radius)
-    for here, here_m in first.balls:
-        for there, there_m in second.balls:
+    for here, here_m in (*first.balls, *first.driven_ball):
+        for there, there_m in (*second.balls, *second.driven_ball):
             most = np.minimum(most, lengths(here - there) + here_m + there_m)
+    if first.drive is not None or second.drive is not None:
+        way = first.middle - second.middle
+        direction = way / np.maximum(lengths(way), 1e-12)[:, None]
+        least = np.maximum(least, first.least_along(direction) + second.least_along(-direction))
     return least, most

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ariac_score.monitors.cells import INSTANT_S, Cells, Stream
 from ariac_score.monitors.gaps import (
+    Drive,
     Place,
     between,
     highest_speed,
@@ -297,10 +298,24 @@ class Unseen:
                 ] = None
                 since_m[broken], until_m[broken] = np.inf, np.inf
             place = Place(before, after, since_m, until_m)
-            if math.isfinite(motion.max_acceleration_m_s2):
+            if 0.0 < motion.max_acceleration_m_s2 < math.inf:
                 stamped = _Sides.of(stream, cells, self.error_s(position))
                 place = _near_chord(place, stamped, cells, motion, self.error_s(position))
+                if self.error_s(position) == 0.0:  # how long it took is known
+                    speeds = self._speeds_at(stream.t, point, motion)
+                    place = _driven(place, stamped, cells, motion, stamped.values(speeds))
             found.append(place)
+        return found
+
+    def _speeds_at(self, t: FloatArray, point: str, motion: MotionBound) -> FloatArray:
+        """How fast a point was at some times at most, shape (n,), m/s: as recorded then, or as it can be."""
+        found = np.full(len(t), motion.max_speed_m_s)
+        for quantity in ("velocity", "speed"):
+            signal = self.trial.signals.get(f"{quantity}/{point}")
+            if signal is not None and not isinstance(signal, Computed) and len(signal):
+                speeds = signal.values if signal.values.ndim == 1 else lengths(signal.values)
+                row = np.minimum(signal.t.searchsorted(t), len(signal) - 1)
+                found = np.where(signal.t[row] == t, np.minimum(found, speeds[row]), found)
         return found
 
     def _steps_s(self, position: Signal, motion: MotionBound) -> FloatArray:
@@ -392,6 +407,18 @@ def _near_chord(place: Place, sides: _Sides, cells: Cells, motion: MotionBound, 
     share = (since_s - error_s - half_s) / gap_s
     chord = place.before + step * np.where(known, share, 0.0)[:, None]
     return replace(place, chord=chord, chord_m=np.where(known, radius_m, np.inf))
+
+
+def _driven(
+    place: Place, sides: _Sides, cells: Cells, motion: MotionBound, speeds: tuple[FloatArray, FloatArray]
+) -> Place:
+    """The place, and how the point can move between both samples."""
+    known = sides.open & np.isfinite(place.since_m) & np.isfinite(place.until_m)
+    half_s = (cells.end - cells.t) / 2.0
+    since_s, until_s = (np.where(known, one - half_s, 1.0) for one in (sides.since_s, sides.until_s))
+    before_m_s, after_m_s = (np.where(known, one, motion.max_speed_m_s) for one in speeds)
+    drive = Drive(since_s, until_s, motion.max_speed_m_s, motion.max_acceleration_m_s2, before_m_s, after_m_s)
+    return replace(place, drive=drive, driven=known, off_m=motion.max_speed_m_s * half_s)
 
 
 def _points(body: Body, *, whole: bool = False) -> list[str]:

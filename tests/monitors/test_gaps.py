@@ -9,6 +9,7 @@ import pytest
 
 from ariac_score.monitors.cells import Stream
 from ariac_score.monitors.gaps import (
+    Drive,
     Place,
     between,
     distance_to_lens,
@@ -57,26 +58,40 @@ def test_acceleration_and_speeds_have_the_worked_bounds(subtests: pytest.Subtest
         assert off_the_chord(np.linspace(0, 1, 101), np.linspace(1, 0, 101), 2.0).max() == 0.25
 
 
-def test_where_speeds_at_the_samples_or_both_bounds_would_say_more_the_bounds_are_outer(
-    subtests: pytest.Subtests,
-) -> None:
-    """G13 to G15: what is exact, and what speed and acceleration say each alone, of 2 m before and after."""
-    for case, gap_s, fastest_m_s, change_m_s2, exact_m, bound_m in (
-        ("G13, at rest at both ends", 1.0, 1e3, 2.0, 1.875, 1.75),
-        ("G14, the same, and a top speed", 2.0, 0.5, 4.0, 1.5625, 1.5),
-        ("G15, a top speed, and any speed at both ends", 2.0, 0.5, 1.0, 1.625, 1.5),
+def test_speed_and_acceleration_together_have_the_worked_bounds(subtests: pytest.Subtests) -> None:
+    """G12 to G15, of 2 m before and after."""
+    for case, gap_s, fastest_m_s, change_m_s2, at_ends_m_s, least_m in (
+        ("G12, an acceleration, and any speed at both ends", 1.0, 1e3, 2.0, 1e3, 1.75),
+        ("G13, at rest at both ends", 1.0, 1e3, 2.0, 0.0, 1.875),
+        ("G14, the same, and a top speed", 2.0, 0.5, 4.0, 0.0, 1.5625),
+        ("G15, a top speed, and any speed at both ends", 2.0, 0.5, 1.0, 0.5, 1.625),
     ):
         with subtests.test(case):
-            since = np.linspace(0.0, gap_s, 2001)
-            until, rows = gap_s - since, np.ones((len(since), 1))
-            chord_m = off_the_chord(since, until, change_m_s2)
-            robot, human = rows * np.zeros(2), rows * np.array([2.0, 0.0])
-            moving = Place(human, human, fastest_m_s * since, fastest_m_s * until, human, chord_m)
-            fixed = Place(robot, robot, np.zeros(len(since)), np.zeros(len(since)))
-            least, most = places_apart(fixed, moving)
-            assert least.min() == pytest.approx(bound_m)
-            assert most.max() == pytest.approx(4.0 - bound_m)
-            assert least.min() <= exact_m
+            since = np.linspace(0.0, gap_s, 203)[1:-1]
+            ends = np.full(len(since), at_ends_m_s)
+            drive = Drive(since, gap_s - since, fastest_m_s, change_m_s2, ends, ends)
+            two = np.full(len(since), 2.0)
+            assert drive.least(two, two).min() == pytest.approx(least_m, abs=1e-6)
+            assert drive.off_the_chord().max() == pytest.approx(2.0 - least_m, abs=1e-6)
+
+
+def test_no_drive_along_a_line_leaves_its_bounds() -> None:
+    random, fastest_m_s, steps = np.random.default_rng(15), 1.0, 60
+    for _ in range(12):
+        change, step_s = 10.0 ** random.uniform(-0.3, 1.3), random.uniform(0.002, 0.04)
+        speeds, push = [random.uniform(-fastest_m_s, fastest_m_s)], 0.0
+        for _ in range(steps):
+            push = float(random.choice([-change, 0.0, change])) if random.random() < 0.1 else push
+            speeds.append(float(np.clip(speeds[-1] + push * step_s, -fastest_m_s, fastest_m_s)))
+        v = np.array(speeds)
+        x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2.0 * step_s)])
+        since = np.arange(1, steps) * step_s
+        one = np.ones(steps - 1)
+        chord = x[-1] * since / (steps * step_s)
+        for first, last in ((fastest_m_s, fastest_m_s), (abs(v[0]), abs(v[-1]))):
+            drive = Drive(since, since[::-1], fastest_m_s, change, first * one, last * one)
+            assert (drive.least(x[0] * one, x[-1] * one) <= x[1:-1] + 1e-9).all()
+            assert (np.abs(x[1:-1] - chord) <= drive.off_the_chord() + 1e-9).all()
 
 
 def test_a_place_bounds_a_distance_at_least_as_well_as_the_distance_alone(subtests: pytest.Subtests) -> None:

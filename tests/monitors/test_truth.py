@@ -40,7 +40,7 @@ def test_of_late_stamps_fewer_samples_never_bound_more(truth: ModuleType) -> Non
 def test_where_intervals_are_held_late_stamps_make_no_violation_that_leaving_out_takes_back(
     truth: ModuleType,
 ) -> None:
-    """Seed 6495, 25 Hz: messages that came close together made a human faster than the rules say it can be."""
+    """Seed 6495, 25 Hz: messages close together made a human faster than the rules say it can be."""
     found = truth.tried(6495, 4.0)
     assert found.gained_held == 0.0
 

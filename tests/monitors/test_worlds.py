@@ -300,19 +300,36 @@ def moved(stated: Mapping[str, Any], tracks: Mapping[str, tuple[Any, Any]]) -> T
     return derive_signals(given, [Derivation("separation", 5.0), Derivation("speed", 5.0)])
 
 
-def test_g12_an_acceleration_keeps_a_body_near_the_straight_way_between_its_places() -> None:
-    """2 m apart at both ends of a second: by 2 m/s2 no nearer than 1.75 m; speed alone allows contact."""
-    t, still = np.array([0.0, 1.0]), np.zeros((2, 3))
+@pytest.mark.parametrize(
+    ("case", "gap_s", "top_m_s", "change_m_s2", "at_rest", "nearest_m"),
+    [
+        ("G12, an acceleration alone: 2 - 2/8", 1.0, 9.0, 2.0, False, 1.75),
+        ("G13, at rest at both ends: 2 - 2/16", 1.0, 9.0, 2.0, True, 1.875),
+        ("G14, the same, and a top speed: 2 - 0.5 + 0.25/4", 2.0, 0.5, 4.0, True, 1.5625),
+        ("G15, a top speed, and any speed at both ends: 2 - 0.5 + 0.125", 2.0, 0.5, 1.0, False, 1.625),
+        ("G15 by its speed alone", 2.0, 0.5, None, False, 1.5),
+        ("speed alone allows contact", 1.0, 9.0, None, False, 0.0),
+    ],
+)
+def test_speed_acceleration_and_rest_bound_how_far_a_body_leaves_its_place(
+    case: str, gap_s: float, top_m_s: float, change_m_s2: float | None, at_rest: bool, nearest_m: float
+) -> None:
+    """2 m apart before and after a gap; by hand, as in the collection."""
+    t, still = np.array([0.0, gap_s]), np.zeros((2, 3))
+    change = {} if change_m_s2 is None else {"max_acceleration_m_s2": change_m_s2}
+    stated = {**by(top_m_s), "human": {"max_speed_m_s": top_m_s, "source": "runs", **change}}
+    # Not along an axis: no direction is another than any.
+    ann = still + 2.0 * np.array([0.6, 0.8, 0.0])
+    given = moved(stated, {"arm": (t, still), "ann": (t, ann)})
+    if at_rest:
+        speed = Signal("speed/ann", "m/s", t, np.zeros(2), "/ann")
+        given = replace(given, signals={**given.signals, "speed/ann": speed})
 
-    def nearest(**acceleration: float) -> float:
-        stated = {**by(9.0), "human": {"max_speed_m_s": 9.0, "source": "runs", **acceleration}}
-        given = moved(stated, {"arm": (t, still), "ann": (t, still + np.array([2.0, 0.0, 0.0]))})
-        findings, opened = found(HumanContact(contact_distance_m=0.5), given)
-        worst = opened[0].worst if opened else findings
-        return 0.5 + min(f.robustness for f in worst if f.robustness is not None)
+    findings, opened = found(HumanContact(contact_distance_m=0.5), given)
 
-    assert nearest(max_acceleration_m_s2=2.0) == pytest.approx(1.75, abs=0.005)
-    assert nearest() == pytest.approx(0.0)
+    worst = opened[0].worst if opened else findings
+    nearest = 0.5 + min(f.robustness for f in worst if f.robustness is not None)
+    assert nearest_m - 0.005 <= nearest <= nearest_m + 1e-6, case
 
 
 @pytest.mark.parametrize("error_s", [0.0, 0.02])
