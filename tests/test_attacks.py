@@ -686,8 +686,11 @@ def test_no_attack_brings_more_than_honesty(
                 assert found == Decimal(attack.counts)
         counts, believed = attack.counts if attack.counts[0].isdigit() else "refused", ""
         if attack.rules == ATTESTED:  # what the same brings where the rules do not ask who recorded it
-            unattested = attack.change(attack.log(desk.folder))
-            believed = str(desk.score("believed", unattested, replace(attack, rules=""))[0])
+            (desk.folder / "again").mkdir()
+            unattested = attack.change(attack.log(desk.folder / "again"))
+            score, said = desk.score("believed", unattested, replace(attack, rules=""))
+            assert score is not None, said
+            believed = f"{score.normalize():f}"
         rows.append(f"| {attack.name} | {attack.honest} | {counts} | {believed} | {attack.shows} |")
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     written, _, after = rest.partition(END)
