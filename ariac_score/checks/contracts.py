@@ -307,7 +307,9 @@ class Decoder(Protocol):
     """Understands the messages of one competition: entry-point group `ariac_score.decoders`.
 
     One of a topic that repeats a state at each step may set `only_changes = True`: of messages without header
-    that say the same it then gets the first, the last, and one in every half second.
+    that say the same it then gets the first, the last, and one in every half second. One of a topic on which
+    many nodes publish, such as a console, may name in `heeds` those that mean something to it: a recording
+    that lacks messages of others lacks nothing.
     """
 
     def decode(self, msgtype: str, message: object, t_s: float) -> Decoded | None:

@@ -194,6 +194,8 @@ def _lines(
         "" if is_planned else f"; add -o NAME to write {files}"
     )
     yield shlex.join(recorder)
+    # Its manifest is the last message, and a bag that lacks it attests nothing.
+    yield "# stop the bag after the recorder has said 'closed', not before; --run does both"
 
 
 def _run(bag: Sequence[str], recorder: Sequence[str]) -> int:

@@ -7,7 +7,8 @@ from dataclasses import replace
 from ariac_score.engine.prepared import Prepared
 from ariac_score.errors import LogError, RuleSetError
 from ariac_score.results.signing import signed_text
-from ariac_score.trial.attestation import Attestation
+from ariac_score.trial.attestation import Attestation, Lacking
+from ariac_score.trial.channels import Channel
 from ariac_score.trial.model import Trial
 from ariac_score.trial.statements import NOBODY, RECORDER, Statement
 
@@ -48,7 +49,7 @@ def with_completeness(trial: Trial, prepared: Prepared, *, trial_id: str = "", t
         file: _reason(found, prepared, trial) or _of_another(found, trial_id, team)
         for file, found in trial.attestations
     }
-    lacks = [words for _, found in trial.attestations if found for words in _lacking(found, prepared)]
+    lacks = [words for _, found in trial.attestations if found for words in _lacking(found, prepared, trial)]
     for file, reason in reasons.items():
         if asked and reason:
             raise LogError(f"completeness is not attested: {reason}", file=file, hint=_RECORD)
@@ -57,6 +58,7 @@ def with_completeness(trial: Trial, prepared: Prepared, *, trial_id: str = "", t
     open_ = [f"{file}: {reason}" for file, reason in reasons.items() if reason]
     attested = [found for _, found in trial.attestations if found]
     noted = [f"its recorder noted: {note}" for found in attested for note in found.notes]
+    noted += [f"not read: {_unheard(found)}" for found in attested if found.early]
     noted += [f"recorded as {_named(f.trial, f.team)}" for f in attested if f.trial or f.team]
     statement = (
         Statement("completeness", NOBODY, detail="; ".join(open_ + noted))
@@ -119,12 +121,19 @@ def _missed(found: Attestation, trial: Trial) -> str:
     return ""
 
 
-def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
+def _unheard(found: Attestation) -> str:
+    return f"{_messages(len(found.early))} from before its recorder heard who sent them"
+
+
+def _lacking(found: Attestation, prepared: Prepared, trial: Trial) -> list[str]:
     """What is missing, was put in or moved.
 
     A sample that is missing is a gap of its signal, and bounded as such; where a topic is missing altogether,
     another may stand in for it, which nobody but the organiser may choose. One that the recorder did not
     receive, though it lost none, or that lies at another time, is no sample.
+
+    Two subscribers do not begin at once. What repeats itself and was received before the log heard that topic
+    is no loss where the competition had not started.
     """
     read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
     telling = {
@@ -133,7 +142,13 @@ def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
         if channel.whole or channel.as_consumed or channel.poses == "models"
     }
     gone = {one.topic for one in found.lacking if one.all and one.topic in read}
-    lacking = [f"missing: {one}" for one in found.lacking if one.topic in telling | gone]
+    lacking = [
+        f"missing: {one}"
+        for one in found.lacking
+        if one.topic in telling | gone and not _of_others(one, prepared)
+    ]
+    late = [one for one in found.late if trial.started_s is None or one.span.end_s > trial.started_s]
+    lacking += [f"missing: {one}" for one in late if one.topic in telling]
     put_in = dict(found.put_in) | {topic: n for topic, n in found.unlisted if topic in telling}
     more = [
         f"put in: {_messages(n)} on {topic} that it did not receive"
@@ -146,6 +161,28 @@ def _lacking(found: Attestation, prepared: Prepared) -> list[str]:
         if topic in read | telling
     ]
     return lacking + more + moved
+
+
+def _of_others(lacking: Lacking, prepared: Prepared) -> bool:
+    """Whether all that is missing came from nodes that no decoder of the topic listens to."""
+    if lacking.all or not lacking.publishers:
+        return False
+    heeded = [_heeds(channel, prepared) for channel in prepared.log_map.channels if _tells(channel, lacking)]
+    names = {name.rpartition("/")[2] for name in lacking.publishers}
+    return not any(heeds is None or names & heeds for heeds in heeded)
+
+
+def _tells(channel: Channel, lacking: Lacking) -> bool:
+    return channel.topic == lacking.topic and channel.whole
+
+
+def _heeds(channel: Channel, prepared: Prepared) -> frozenset[str] | None:
+    """The nodes that count for a channel; `None` where all do."""
+    if not channel.decoder:
+        return None
+    plugin = prepared.registry.find("ariac_score.decoders", channel.decoder)
+    heeds: frozenset[str] | None = getattr(plugin.build({}), "heeds", None)
+    return heeds
 
 
 def _messages(count: int) -> str:

@@ -5,21 +5,21 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import LogError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message
-from ariac_score.trial.attestation import Attestation, Lacking
+from ariac_score.trial.attestation import Attestation, Lacking, Unheard
 from ariac_score.trial.spans import Span
 
-__all__ = ["HEARTBEAT", "MANIFEST", "attestation_of"]
+__all__ = ["HEARTBEAT", "MANIFEST", "attestation_of", "digest_of"]
 
 HEARTBEAT, MANIFEST = "/ariac_score/heartbeat", "/ariac_score/manifest"
 FORMAT = "ariac-score-manifest/1"
@@ -30,6 +30,8 @@ LATE_NS = 10**9
 LATE_BESIDE_PAUSES_NS = 250_000_000
 """The same, where the recorder's own clock shows its pauses: so much besides the longest of them. On a loaded
 machine of two cores, messages of a real `rosbag record` came up to 90 ms late."""
+CONNECTING_NS = 5 * 10**9
+"""So much sooner may the one hear a publisher than the other: on a loaded machine it was up to 1.4 s."""
 _CLOCKS = ("wall_ns", "ros_ns")
 
 
@@ -44,7 +46,57 @@ class _Found:
     heartbeats: list[tuple[int, Any]] = field(default_factory=list)
     manifests: list[Any] = field(default_factory=list)
     digests: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    stamps_ns: dict[str, list[tuple[int, str]]] = field(default_factory=lambda: defaultdict(list))
+    logged: dict[str, list[_Logged]] = field(default_factory=lambda: defaultdict(list))
+
+
+class _Logged(NamedTuple):
+    """A message of the log: when, what, and from whom where the log says it."""
+
+    t_ns: int
+    digest: str
+    publisher: str
+
+
+@dataclass
+class _Matched:
+    """Which messages of one topic are in the list of the recorder and in the log; which in one of them alone.
+
+    Attributes:
+        both: In the log and listed.
+        extra: In the log alone.
+        gone: Listed alone, with the heartbeats between which each arrived.
+    """
+
+    both: list[_Logged] = field(default_factory=list)
+    extra: list[_Logged] = field(default_factory=list)
+    gone: list[tuple[Span, str]] = field(default_factory=list)
+
+    def moved(self) -> Counter[str]:
+        """The messages that lie elsewhere in the log than where they were received."""
+        return Counter(one.digest for one in self.extra) & Counter(digest for _, digest in self.gone)
+
+    def early(self) -> list[_Logged]:
+        """What the log heard of a publisher before the recorder did: two subscribers never begin at once."""
+        first_ns: dict[str, int] = {}
+        for one in self.both:
+            first_ns[one.publisher] = min(one.t_ns, first_ns.get(one.publisher, one.t_ns))
+        return [
+            one
+            for one in self.extra
+            if one.publisher in first_ns and 0 < first_ns[one.publisher] - one.t_ns <= CONNECTING_NS
+        ]
+
+    def late(self, origin_ns: int) -> list[tuple[Span, str]]:
+        """What the recorder heard of a topic before the log did, and the log has later, in the same bytes."""
+        if not self.both:
+            return []
+        first_s = (min(one.t_ns for one in self.both) - origin_ns) / 1e9
+        known = {one.digest for one in self.both}
+        return [
+            (span, digest)
+            for span, digest in self.gone
+            if digest in known and first_s - CONNECTING_NS / 1e9 <= span.start_s <= first_s
+        ]
 
 
 def attestation_of(path: Path, origin_ns: int) -> Attestation:
@@ -62,7 +114,7 @@ def attestation_of(path: Path, origin_ns: int) -> Attestation:
     manifest = closed[-1] if closed else None
     try:
         if manifest is None:
-            raise _UnfitError("its recorder did not close its manifest: it was ended, or this was cut off")
+            raise _UnfitError("its recorder did not close its manifest: it, or the bag before it, was stopped")
         return _held_against(found, manifest, origin_ns)
     except _UnfitError as unfit:
         return Attestation(
@@ -85,9 +137,9 @@ def _scanned(path: Path) -> _Found:
             else:
                 found.manifests.append(decoded)
         else:
-            digest = _digest(message.payload)
+            digest = digest_of(message.payload)
             found.digests[connection.topic][digest] += 1
-            found.stamps_ns[connection.topic].append((message.stamp_ns, digest))
+            found.logged[connection.topic].append(_Logged(message.stamp_ns, digest, connection.publisher))
     return found
 
 
@@ -110,7 +162,8 @@ def _decoder(connection: Connection, path: Path) -> Decode:
         ) from error
 
 
-def _digest(payload: bytes | memoryview) -> str:
+def digest_of(payload: bytes | memoryview) -> str:
+    """What the recorder lists of a message: 12 bytes of SHA-256, in base64."""
     return base64.b64encode(hashlib.sha256(payload).digest()[:_DIGEST_BYTES]).decode("ascii")
 
 
@@ -122,18 +175,33 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     _refuse_other_counts(listed, stated)
     late_ns = _late_ns(beats)
     _refuse_moved_heartbeats(beats, late_ns)
-    lacking = []
+    matched = _matched(found, spans, origin_ns, late_ns)
+    began_ns = beats[0][0] if beats else 0
+    early = {topic: [m for m in one.early() if m.t_ns >= began_ns] for topic, one in matched.items()}
+    lacking, unheard = [], []
     for topic, digests in sorted(listed.items()):
         missing = digests - found.digests.get(topic, Counter())
-        if missing:
-            times = [span for digest in missing for span in spans[topic, digest]]
-            span = Span(min(s.start_s for s in times), max(s.end_s for s in times))
-            lacking.append(Lacking(topic, missing.total(), span, all=topic not in found.digests))
+        late = [one for one in matched[topic].late(origin_ns) if missing[one[1]]] if topic in matched else []
+        late = _at_most(late, missing)
+        unheard += [Lacking(topic, len(late), _around([span for span, _ in late]))] if late else []
+        if missing := missing - Counter(digest for _, digest in late):
+            span = _around([span for digest in missing for span in spans[topic, digest]])
+            lacking.append(
+                Lacking(
+                    topic,
+                    missing.total(),
+                    span,
+                    all=topic not in found.digests,
+                    publishers=_less_from(matched.get(topic), stated["topics"][topic]),
+                )
+            )
     return Attestation(
         lacking=tuple(lacking),
-        unlisted=tuple(_unlisted(found, listed, beats)),
-        put_in=tuple(_unlisted(found, listed, beats, _lost(stated))),
-        moved=tuple(_moved(found, spans, origin_ns, late_ns)),
+        late=tuple(unheard),
+        early=frozenset(Unheard(topic, one.t_ns, one.digest) for topic in early for one in early[topic]),
+        unlisted=tuple(_unlisted(found, listed, beats, early)),
+        put_in=tuple(_unlisted(found, listed, beats, early, _lost(stated))),
+        moved=tuple((topic, n) for topic, one in matched.items() if (n := one.moved().total())),
         moved_by_s=late_ns / 1e9,
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
         body=manifest.body,
@@ -275,30 +343,78 @@ def _lost(stated: Mapping[str, Any]) -> dict[str, int]:
     }
 
 
-def _moved(
+def _matched(
     found: _Found, spans: Mapping[tuple[str, str], list[Span]], origin_ns: int, late_ns: int
-) -> Iterator[tuple[str, int]]:
-    """How many messages lie elsewhere in the log than where the recorder received them, by topic."""
+) -> dict[str, _Matched]:
+    """What log and recorder both have of each topic; messages of the same bytes are paired from the end on.
+
+    So of equal ones that only one of them has, those count as missing, or as too many, that came first:
+    neither subscriber hears a publisher from its first message on.
+    """
     late_s = late_ns / 1e9
     first_s = min((span.start_s for every in spans.values() for span in every), default=0.0)
-    for topic, messages in sorted(found.stamps_ns.items()):
-        count = 0
-        for t_ns, digest in messages:
-            if listed := spans.get((topic, digest)):
-                t_s = (t_ns - origin_ns) / 1e9
+    listed: dict[str, dict[str, list[Span]]] = defaultdict(dict)
+    for (topic, digest), every in spans.items():
+        listed[topic][digest] = every
+    matched: dict[str, _Matched] = {}
+    for topic, messages in sorted(found.logged.items()):
+        by_digest: dict[str, list[_Logged]] = defaultdict(list)
+        for one in messages:
+            by_digest[one.digest].append(one)
+        into = matched[topic] = _Matched()
+        for digest in sorted(by_digest.keys() | listed[topic].keys()):
+            left = sorted(by_digest.get(digest, ()))
+            for span in reversed(listed[topic].get(digest, [])):
+                while left and (left[-1].t_ns - origin_ns) / 1e9 > span.end_s + late_s:
+                    into.extra.append(left.pop())
                 # Whatever came before the first heartbeat is in it.
-                count += not any(
-                    (span.start_s <= first_s or span.start_s - late_s <= t_s) and t_s <= span.end_s + late_s
-                    for span in listed
-                )
-        if count:
-            yield topic, count
+                if left and (
+                    span.start_s <= first_s or (left[-1].t_ns - origin_ns) / 1e9 >= span.start_s - late_s
+                ):
+                    into.both.append(left.pop())
+                else:
+                    into.gone.append((span, digest))
+            into.extra += left
+    return matched
+
+
+def _at_most(found: Sequence[tuple[Span, str]], counts: Mapping[str, int]) -> list[tuple[Span, str]]:
+    """The first of them, of each digest as many as counted."""
+    taken: Counter[str] = Counter()
+    kept = []
+    for span, digest in sorted(found):
+        taken[digest] += 1
+        if taken[digest] <= counts[digest]:
+            kept.append((span, digest))
+    return kept
+
+
+def _around(spans: Sequence[Span]) -> Span:
+    return Span(min(span.start_s for span in spans), max(span.end_s for span in spans))
+
+
+def _less_from(matched: _Matched | None, about: Mapping[str, Any]) -> tuple[str, ...]:
+    """The publishers of whom the log has less than the recorder received; empty where either names none."""
+    publishers = about.get("publishers")
+    if matched is None or not isinstance(publishers, dict):
+        return ()
+    of_log = Counter(one.publisher for one in matched.both)
+    if "" in of_log or "" in publishers:
+        return ()
+    return tuple(
+        sorted(
+            name
+            for name, one in publishers.items()
+            if isinstance(one, dict) and isinstance(n := one.get("count"), int) and n > of_log[name]
+        )
+    )
 
 
 def _unlisted(
     found: _Found,
     listed: Mapping[str, Counter[str]],
     beats: list[tuple[int, Mapping[str, Any]]],
+    early: Mapping[str, Sequence[_Logged]],
     lost: Mapping[str, int] | None = None,
 ) -> Iterator[tuple[str, int]]:
     """How many messages between the first and the last heartbeat the recorder did not receive, by topic.
@@ -309,6 +425,7 @@ def _unlisted(
         return
     first_ns, last_ns = beats[0][0], beats[-1][0] - (LATE_NS if lost else 0)
     for topic, digests in sorted(listed.items()):
-        inside = Counter(d for t_ns, d in found.stamps_ns.get(topic, ()) if first_ns <= t_ns <= last_ns)
+        inside = Counter(m.digest for m in found.logged.get(topic, ()) if first_ns <= m.t_ns <= last_ns)
+        inside -= Counter(m.digest for m in early.get(topic, ()) if first_ns <= m.t_ns <= last_ns)
         if (more := (inside - digests).total() - (lost or {}).get(topic, 0)) > 0:
             yield topic, more

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from pathlib import Path
 
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, Wanted
 from ariac_score.errors import CutOffError, LogError, NothingToScoreError
-from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of
+from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of, digest_of
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.folder import packed_storage
 from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
 from ariac_score.logs.gather.collector import Collector
 from ariac_score.logs.gather.topic_statistics import TopicStatistics
-from ariac_score.trial.attestation import Attestation
+from ariac_score.trial.attestation import Attestation, Unheard
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import LOG_TIME, Clock
 from ariac_score.trial.cut import cut_at
@@ -93,12 +93,20 @@ class RosbagReader:
                 says contradicts itself.
             NothingToScoreError: It holds no message.
         """
+        trial = self._read(path, wanted)
+        if trial.attestation is not None and trial.attestation.early:
+            # Nobody attests these, and they may not count; few recordings have any.
+            trial = self._read(path, wanted, trial.attestation.early)
+        return trial
+
+    def _read(self, path: Path, wanted: Wanted, left_out: Set[Unheard] = frozenset()) -> Trial:
         intake, progress_at = RecordingIntake(wanted, path), _PROGRESS_EVERY
         statistics, collector = intake.statistics, intake.collector
         scan = open_scan(path, jobs=wanted.jobs, topics=collector.topics, partial=wanted.partial)
         cut: CutOffError | None = None
         try:
-            for item in _counted(scan, statistics, path):
+            items = _counted(scan, statistics, path)
+            for item in _without(items, left_out) if left_out else items:
                 collector.share = scan.share
                 collector.take(item)
                 if statistics.messages >= progress_at:
@@ -171,6 +179,25 @@ class RecordingIntake:
         for defect in defects:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         return builder.build()
+
+
+def _without(
+    items: Iterable[Connection | Message | Batch], left_out: Set[Unheard]
+) -> Iterator[Connection | Message | Batch]:
+    """The items of a scan but some messages."""
+    topics = {one.topic for one in left_out}
+    for item in items:
+        if isinstance(item, Connection) or not topics & {
+            c.topic for c in (item.connections if isinstance(item, Batch) else [item.connection])
+        }:
+            yield item
+            continue
+        for message in item.messages() if isinstance(item, Batch) else [item]:
+            topic = message.connection.topic
+            if topic not in topics or (
+                Unheard(topic, message.stamp_ns, digest_of(message.payload)) not in left_out
+            ):
+                yield message
 
 
 def _shows_losses(attestation: Attestation | None) -> bool:

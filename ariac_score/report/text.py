@@ -19,6 +19,7 @@ from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
+from ariac_score.review.task_and_safety import task_and_safety
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Traced
 from ariac_score.scoring.ledger import Line, taken_by
@@ -123,13 +124,18 @@ def _dotted(label: str, amount: str) -> str:
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
     # An official scorer knows neither other teams nor safety: it prints what here is the task score.
-    ours = result.task.amount if result.task is not None else result.score
+    ours, whose = result.score, "ours"
+    if result.task is not None:
+        ours, whose = result.task.amount, "our task score"
+    elif (parts := task_and_safety(result)) is not None and parts.has_safety:
+        ours, whose = parts.task, "our task score"
     printed = official.items.get("final_score", "") if official is not None else ""
     same = ours is not None and abs(ours - Decimal(repr(total))) <= _half_a_digit(printed)
-    whose = "our task score" if result.task is not None else "ours"
     words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
     if same and ours != Decimal(repr(total)):
         words += ", to the digits that are printed"
+    if not same and result.interval is not None:
+        words = f"{whose} is open, so nothing says whether it is the same"
     if ours is None:
         words = "ours is withheld, so nothing says whether it is the same"
     yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))

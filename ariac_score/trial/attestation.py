@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ariac_score.trial.spans import Span
 
-__all__ = ["Attestation", "Lacking"]
+__all__ = ["Attestation", "Lacking", "Unheard"]
 
 
 @dataclass(frozen=True)
@@ -18,17 +19,27 @@ class Lacking:
         count: How many.
         span: From the heartbeat before the first of them to the heartbeat after the last, s of trial time.
         all: Whether the log has none of that topic.
+        publishers: Of whom they are; empty where that is not known.
     """
 
     topic: str
     count: int
     span: Span
     all: bool = False
+    publishers: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """In words."""
         messages = "1 message" if self.count == 1 else f"{self.count} messages"
         return f"{messages} on {self.topic} from {self.span.start_s:.3f} s to {self.span.end_s:.3f} s"
+
+
+class Unheard(NamedTuple):
+    """A message of the log that came before its recorder had a connection: topic, log time, digest."""
+
+    topic: str
+    t_ns: int
+    digest: str
 
 
 @dataclass(frozen=True)
@@ -38,6 +49,8 @@ class Attestation:
     Attributes:
         problem: Why nothing is attested, in words: it was not closed, or does not fit; empty where it fits.
         lacking: What was received and is not in the log, in order of topics.
+        late: What was received before the log had heard the topic at all, and repeats itself in it.
+        early: What the log had heard before the recorder did; it is not read.
         unlisted: How many messages the log has of each topic that the recorder did not receive.
         put_in: The same, without those that it may have lost: what nobody sent.
         moved: How many messages of each topic the log has at other times than the recorder received them.
@@ -52,6 +65,8 @@ class Attestation:
 
     problem: str = ""
     lacking: tuple[Lacking, ...] = ()
+    late: tuple[Lacking, ...] = ()
+    early: frozenset[Unheard] = frozenset()
     unlisted: tuple[tuple[str, int], ...] = ()
     put_in: tuple[tuple[str, int], ...] = ()
     moved: tuple[tuple[str, int], ...] = ()

@@ -329,3 +329,61 @@ def test_what_the_recorder_noticed_stands_in_the_result(tmp_path: Path, signing:
 def test_who_asks_for_attested_logs_names_a_key(tmp_path: Path) -> None:
     with pytest.raises(RuleSetError, match="needs the public key"):
         scored(tmp_path, events(), "completeness: attested\n")
+
+
+# Two subscribers do not begin at once -------------------------------------------------------
+
+
+def repeated(topic: str = "/ariac/agv1/state", word: str = "ready_to_deliver") -> list[Recorded]:
+    """A state ten times a second; the competition starts at 1 s."""
+    times_s = [0.15 + tenth / 10 for tenth in range(95)]
+    return [Recorded(topic, "std_msgs/msg/String", round(t_s * 1e9), {"data": word}) for t_s in times_s]
+
+
+def in_order(*messages: Recorded) -> list[Recorded]:
+    return sorted(messages, key=lambda m: m.t_ns)
+
+
+def test_what_the_log_heard_before_its_recorder_did_is_not_read(tmp_path: Path, signing: Signing) -> None:
+    """Here the recorder hears the AGV half a second after the bag. What it did not hear is no evidence."""
+    unheard, heard = repeated()[:5], repeated()[5:]
+    log = attested(in_order(*events(), *heard), signing[1], each_s=0.1)
+
+    found = scored(tmp_path, in_order(*log, *unheard), attesting(signing))
+    assert (
+        completeness(found) == "recorder: not read: 5 messages from before its recorder heard who sent them"
+    )
+
+    # So nobody gains by one that he puts there, such as that somebody watched.
+    unwatched = [event for event in events() if event.fields["kind"].startswith("competition")]
+    log = attested(unwatched, signing[1], each_s=0.1)
+    planted = replace(events()[0], t_ns=500_000_000)
+    assert scored(tmp_path, in_order(*log, planted), attesting(signing)).is_open
+
+
+def test_a_state_that_its_recorder_heard_before_the_log_did_is_no_loss_before_the_start(
+    tmp_path: Path, signing: Signing
+) -> None:
+    log = attested(in_order(*events(), *repeated()), signing[1], each_s=0.1)
+
+    def less(count: int) -> list[Recorded]:
+        gone = {id(m) for m in [m for m in log if m.topic == "/ariac/agv1/state"][:count]}
+        return [m for m in log if id(m) not in gone]
+
+    assert completeness(scored(tmp_path, less(5), attesting(signing))) == "recorder: "
+    with pytest.raises(LogError, match=r"missing: 12 messages on /ariac/agv1/state"):
+        scored(tmp_path, less(12), attesting(signing))  # the last of them came after the start
+
+
+def test_equal_messages_may_not_be_moved_among_each_other(tmp_path: Path, signing: Signing) -> None:
+    """A second of a state, said again at another time: as many as before, and a second of silence."""
+    log = attested(in_order(*events(), *repeated()), signing[1], each_s=0.1)
+    moved = [
+        replace(m, t_ns=m.t_ns + 2 * 10**9)
+        if m.topic == "/ariac/agv1/state" and 4 * 10**9 <= m.t_ns < 5 * 10**9
+        else m
+        for m in log
+    ]
+
+    with pytest.raises(LogError, match=r"moved: \d+ messages on /ariac/agv1/state"):
+        scored(tmp_path, in_order(*moved), attesting(signing))

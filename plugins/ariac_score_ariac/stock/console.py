@@ -49,6 +49,8 @@ class Console:
     in wall time, so that the time of recording counts).
     """
 
+    heeds: ClassVar = frozenset({GAZEBO, TASK_MANAGER, SCORE_LOGGER})
+
     def decode(self, msgtype: str, message: Any, t_s: float) -> Said | None:
         """A line of the simulator; `None` for those of other nodes.
 
@@ -61,7 +63,7 @@ class Console:
             return None
         # ROS 1 names nodes by their path, ROS 2 loggers by words with dots.
         node = re.split(r"[./]", message.name)[-1]
-        if node not in (GAZEBO, TASK_MANAGER, SCORE_LOGGER):
+        if node not in self.heeds:
             return None
         return Said(t_s, node, _COLOUR.sub("", message.msg))
 
