@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ariac_score import (
+    COMPETITION_ENDED,
     LogDefect,
     LogError,
     OfficialOrder,
@@ -76,6 +77,9 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     defects += calls_without_content(parts)
     # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
     records = [record for part in parts for record in part.records] if from_stock else merged.records
+    # The printed end is exact, so that what the state said a moment later does not count.
+    printed_end = any(event.kind == COMPETITION_ENDED for event in stock.events)
+    seen = [e for e in merged.events if not (printed_end and e.kind == COMPETITION_ENDED)]
     cut = merged.cut
     if cut is not None and not any(
         isinstance(record, _READ_OFF) for part in parts for record in part.records
@@ -88,7 +92,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
         submissions=submissions,
         team=_with_sensors(merged.team, counted),
         official=_official(merged.official, stock.official, file),
-        events=tuple(sorted({*merged.events, *stock.events})),
+        events=tuple(sorted({*seen, *stock.events})),
         witnessed=merged.witnessed - {CONSOLE, *(f"{agv}_state" for agv in AGVS)} | stock.witnessed,
         records=(*_each_once(records), *(_still_open(stock, submissions) if from_stock else ())),
         log_defects=tuple(sorted(defects)),

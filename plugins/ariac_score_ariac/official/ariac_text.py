@@ -408,7 +408,9 @@ def printed_score(said: Iterable[tuple[float, str]], where: Path) -> Trial | Non
     if log.score is None:
         return None
     builder = TrialBuilder(log.trial_id or where.name, file=where, clock=None)
-    _add_score(builder, log, log.score, _Times(log, where), where)
+    times = _Times(log, where)
+    builder.events.extend(times.events())
+    _add_score(builder, log, log.score, times, where)
     return builder.build()
 
 

@@ -98,9 +98,9 @@ def stock_of(merged: Trial, parts: Sequence[Trial], orders: Sequence[Order], fil
 def _of_task_manager(merged: Trial, verdicts: Verdicts | None, orders: Sequence[Order]) -> Stock:
     printed = verdicts.orders if verdicts else {}
     ended_s = merged.ended_s
-    if ended_s is None and verdicts is not None:
-        ended_s = verdicts.ended_s
-    events = () if merged.ended_s is not None or ended_s is None else (Event(ended_s, COMPETITION_ENDED),)
+    events: tuple[Event, ...] = ()
+    if verdicts is not None and verdicts.ended_s is not None and _dates_the_end(verdicts.ended_s, merged):
+        ended_s, events = verdicts.ended_s, (Event(verdicts.ended_s, COMPETITION_ENDED),)
     silent = _silent(verdicts, orders, ended=ended_s is not None)
     missing = [order for order in orders if order.id not in printed and order.id not in silent]
     # Nothing was printed of them, where something would have been.
@@ -201,10 +201,10 @@ def _of_gazebo(merged: Trial, parts: Sequence[Trial], said: Sequence[Said], orde
         dated = {event.kind for event in events}
         events += [e for e in score.events if e.kind not in dated and e.kind not in _OF_STATE]
         end_s = next((e.t_s for e in score.events if e.kind == COMPETITION_ENDED), None)
-        if merged.ended_s is None and end_s is not None:
+        if end_s is not None and _dates_the_end(end_s, merged):
             events.append(Event(end_s, COMPETITION_ENDED))
     ends = [event.t_s for event in events if event.kind == COMPETITION_ENDED]
-    ended_s = merged.ended_s if merged.ended_s is not None else min(ends, default=None)
+    ended_s = min(ends, default=merged.ended_s)
     deliveries = _with_boxes(deliveries_said(said), parts)
     printed = _submitted(official, orders)
     evidence = Evidence(
@@ -290,6 +290,13 @@ def _submitted(official: OfficialResult | None, orders: Sequence[Order]) -> dict
     return found
 
 
+def _dates_the_end(printed_s: float, merged: Trial) -> bool:
+    """Whether the line of the end is the first that shows it: the state is published each tenth of a second."""
+    return merged.ended_s is None or 0 < merged.ended_s - printed_s <= _STATE_LATE_S
+
+
+_STATE_LATE_S = 0.5
+"""A topic of ten messages a second says so late at most what had happened, with a loaded machine."""
 _LATEST_S = 1.0
 """Contents that are older do not tell one kit from another; trays are seen once a second."""
 _ONE_CONTACT_S = 0.5
