@@ -169,15 +169,23 @@ def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object
     dated = [o if o.announced_s is not None else replace(o, announced_s=announced.get(o.id)) for o in orders]
     # An update in a configuration takes effect only if the log shows that it was announced.
     if not dated:
-        return _outlined(parts)
+        return _outlined(parts, announced)
     return settle_orders([o for o in dated if not o.updates or o.announced_s is not None], file=file)
 
 
-def _outlined(parts: Sequence[Trial]) -> tuple[Order, ...]:
-    """The orders of the official text, in its order, where no other file names any."""
+def _outlined(parts: Sequence[Trial], announced: Mapping[str, float]) -> tuple[Order, ...]:
+    """The orders of the official text, in its order, where no other file names any.
+
+    Its times count from the start of the competition; a recording knows when each was on its own clock.
+    """
     summaries = [order for part in parts if part.official for order in part.official.summaries]
     return tuple(
-        Order(order.id, announced_s=order.announced_s, priority=_priority(order), outline=True)
+        Order(
+            order.id,
+            announced_s=announced.get(order.id, order.announced_s),
+            priority=_priority(order),
+            outline=True,
+        )
         for order in summaries
     )
 

@@ -105,7 +105,9 @@ def _of_task_manager(merged: Trial, verdicts: Verdicts | None, orders: Sequence[
     missing = [order for order in orders if order.id not in printed and order.id not in silent]
     # Nothing was printed of them, where something would have been.
     refused = {o.id: OfficialOrder(o.id, kind=_kind(o), submitted=False, score=0) for o in missing}
-    summaries = {**printed, **refused}
+    kept = {order.id: order for order in orders}
+    timed = {o.id: _timed(merged, verdicts, o, kept.get(o.id)) for o in printed.values()} if verdicts else {}
+    summaries = {**timed, **refused}
     official = None
     if verdicts is not None or refused:
         base = verdicts.result if verdicts else OfficialResult(_WHERE, None, None)
@@ -113,7 +115,6 @@ def _of_task_manager(merged: Trial, verdicts: Verdicts | None, orders: Sequence[
         if total is None and not silent:
             total = sum((o.score for o in summaries.values() if o.score is not None), 0)
         official = replace(base, total=total, summaries=tuple(summaries.values()))
-    kept = {order.id: order for order in orders}
     submissions = tuple(
         _submission(merged, verdicts, order, kept.get(order.id))
         for order in printed.values()
@@ -166,6 +167,20 @@ def _submission(
         agv=agv,
         station=station,
         tray=_tray(printed, order),
+    )
+
+
+def _timed(merged: Trial, verdicts: Verdicts, printed: OfficialOrder, order: Order | None) -> OfficialOrder:
+    """A verdict of 2023 with its times as recorded: they are printed of the last order alone."""
+    if merged.started_s is None or order is None or order.announced_s is None or not printed.submitted:
+        return printed
+    if printed.announced_s is not None or printed.submitted_s is not None:
+        return printed
+    handed_in_s = _handed_in_s(merged, verdicts, printed, order)
+    return replace(
+        printed,
+        announced_s=order.announced_s - merged.started_s,
+        submitted_s=handed_in_s - merged.started_s,
     )
 
 
@@ -291,7 +306,7 @@ def _submitted(official: OfficialResult | None, orders: Sequence[Order]) -> dict
 
 
 def _dates_the_end(printed_s: float, merged: Trial) -> bool:
-    """Whether the line of the end is the first that shows it: the state is published each tenth of a second."""
+    """Whether the line of the end is the first that shows it: states are published each tenth of a second."""
     return merged.ended_s is None or 0 < merged.ended_s - printed_s <= _STATE_LATE_S
 
 

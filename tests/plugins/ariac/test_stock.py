@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from ariac_score import LogError, Verdict, score_trial
+from ariac_score import LogError, Span, Verdict, score_trial
 from ariac_score.cli import main
 from ariac_score.testing.bags import Recorded
 
@@ -62,6 +62,31 @@ def detected(given: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
         {"type": p["type"], "is_faulty": p.get("faulty", False), "pose": pose(p["xyz"], p["rpy"])}
         for p in given
     ]
+
+
+def test_the_line_of_the_final_score_dates_the_end_before_the_topic_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    """The state is published each tenth of a second; a simulator that closes itself never says `done`.
+
+    Source: ARIAC notes on recording, section 0, number 7.
+    """
+    product = {"type": "gear_part_red", "pose": pose((0.1, 0.1, 0.0))}
+    shipment = {"shipment_type": "order_0_shipment_0", "agv_id": "any", "products": [product]}
+    order = at(0.1, "/ariac/orders", "nist_gear/msg/Order", order_id="order_0", shipments=[shipment])
+    for name, printed_s, states, ended_s in (
+        ("never said", 30.02, [(-5, "init"), (0, "go")], 30.02),
+        ("said a moment later", 30.02, [(-5, "init"), (0, "go"), (30.1, "done")], 30.02),
+        ("printed long before", 25.0, [(-5, "init"), (0, "go"), (30.1, "done")], 30.1),
+        ("printed later", 31.0, [(-5, "init"), (0, "go"), (30.1, "done")], 30.1),
+    ):
+        with subtests.test(name):
+            end = said(printed_s, "End of trial. Final score: 0")
+            messages = [order, end, *words_of_state(*states, until_s=32.0)]
+            log = stock_bag(tmp_path / name.replace(" ", "_"), "2020", messages, monkeypatch)
+            window = score_trial(log, rules="ariac2020.as_coded").measured.window
+            assert window is not None
+            assert window.duration_s == pytest.approx(ended_s)
 
 
 def recorded_2018(given: Mapping[str, Any]) -> list[Recorded]:
@@ -854,6 +879,8 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
         "high_priority_1": Verdict.INCONCLUSIVE,
     }
     assert of["kit_2"].quantities["submitted_s"] == 120.5  # of simulated time, which the message says
+    # The recording begins two seconds earlier: kits are there from the start of the run, not of the recording.
+    assert result.measured.window == Span(2.0, 202.0)
     record = next(f for f in result.measured.findings.values() if f.check == "record")
     assert record.verdict is Verdict.INCONCLUSIVE
 
