@@ -114,7 +114,9 @@ def attestation_of(path: Path, origin_ns: int) -> Attestation:
     manifest = closed[-1] if closed else None
     try:
         if manifest is None:
-            raise _UnfitError("its recorder did not close its manifest: it, or the bag before it, was stopped")
+            raise _UnfitError(
+                "its recorder did not close its manifest: it, or the bag before it, was stopped"
+            )
         return _held_against(found, manifest, origin_ns)
     except _UnfitError as unfit:
         return Attestation(

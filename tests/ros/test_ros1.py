@@ -179,6 +179,31 @@ def test_a_call_that_the_recorder_passed_on_is_a_submission(recording: Recording
     ]
 
 
+def test_a_simulator_that_waits_for_nobody_is_attested(ros: RobotOs, tmp_path: Path) -> None:
+    """Bag and recorder hear it at different moments; rules that ask for proof take the log."""
+    program = Path(sys.executable).with_name("ariac-score")
+    sign = [program, "sign", "--new-key", tmp_path / "organiser"]
+    subprocess.run(sign, input=b"\n", check=True, capture_output=True, timeout=60)
+    recorder = ros.start(
+        program, "record", "--rules", "paper2020.published", "-o", "trial", "--key", "organiser", "--run"
+    )
+    ros.until(recorder, "recording ", 30.0)
+    cell = ros.python(HERE / "cell", "hasty", "jitter")
+    assert ros.wait(cell, 40.0) == 0, ros.said(cell)
+    assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
+    key = (tmp_path / "organiser.pub").read_text().splitlines()[1]
+    rules = tmp_path / "attested.yaml"
+    rules.write_text(
+        "id: ours\ntitle: Ours\nsource: this test\nextends: paper2020.published\ncompleteness: attested\n"
+        f"authority: {{recorder_keys: ['{key}']}}\n"
+    )
+
+    (found,) = (
+        s for s in score_trial(tmp_path / "trial.bag", rules).measured.statements if s.fact == "completeness"
+    )
+    assert found.by == "recorder"
+
+
 def test_a_bag_whose_recorder_was_killed_is_refused_and_a_stopped_clock_is_noted(
     ros: RobotOs, tmp_path: Path
 ) -> None:

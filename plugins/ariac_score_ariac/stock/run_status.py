@@ -153,8 +153,7 @@ def run_of(parts: Sequence[Trial]) -> Run | None:
     facts |= {"duration_s": ended.elapsed_s} if ended else {}
     offset_s = started.t_s - started.elapsed_s
     events = [Event(offset_s, COMPETITION_STARTED)]
-    # The topic says it up to 0.1 s later; the time that had passed stands still by then.
-    events += [Event(min(ended.t_s, offset_s + ended.elapsed_s), COMPETITION_ENDED)] if ended else []
+    events += [Event(ended.t_s, COMPETITION_ENDED)] if ended else []
     events += [Event(offset_s + (o.announced_s or 0.0), ORDER_ANNOUNCED, o.id) for o in (*orders, *urgent)]
     submissions = [
         KitSubmission(o.id, min(offset_s + o.submitted_s, ended.t_s if ended else float("inf")))

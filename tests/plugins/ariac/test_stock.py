@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from ariac_score import LogError, Span, Verdict, score_trial
+from ariac_score import LogError, Verdict, score_trial
 from ariac_score.cli import main
 from ariac_score.testing.bags import Recorded
 
@@ -879,8 +879,9 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
         "high_priority_1": Verdict.INCONCLUSIVE,
     }
     assert of["kit_2"].quantities["submitted_s"] == 120.5  # of simulated time, which the message says
-    # The recording begins two seconds earlier: kits are there from the start of the run, not of the recording.
-    assert result.measured.window == Span(2.0, 202.0)
+    # The recording begins four seconds earlier, by a clock that is twice as fast: the run lasts 400 s of it.
+    assert result.measured.window is not None
+    assert (result.measured.window.start_s, result.measured.window.end_s) == pytest.approx((4.0, 404.0))
     record = next(f for f in result.measured.findings.values() if f.check == "record")
     assert record.verdict is Verdict.INCONCLUSIVE
 
