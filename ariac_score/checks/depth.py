@@ -84,6 +84,9 @@ def depth_profile(t_s: FloatArray, lasts_s: FloatArray, depth: FloatArray) -> De
     for begins_s, length_s, value in zip(t_s.tolist(), lasts_s.tolist(), values, strict=True):
         if steps and begins_s - steps[-1][1] > 1e-9:
             steps.append((steps[-1][1], begins_s, 0.0))
+        elif steps and steps[-1][2] == value:  # samples of one depth are one step
+            steps[-1] = (steps[-1][0], begins_s + length_s, value)
+            continue
         steps.append((begins_s, begins_s + length_s, value))
     return _stepped(_filled(steps))
 

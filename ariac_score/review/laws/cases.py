@@ -437,7 +437,8 @@ def _episodes(
 ) -> Iterator[Finding]:
     """As a monitor finds them: violating samples, grouped over pauses shorter than `t_off_s`."""
     # Two more ticks, so that half the rate has a sample after the last violation as well.
-    ticks = np.arange(0, max(case.duration, violations[-1].end + 2), case.step)
+    until = max(case.duration, *(violation.end + 2 for violation in violations))
+    ticks = np.arange(0, until, case.step)
     depth = np.zeros(len(ticks))
     for violation in violations:
         inside = (ticks >= violation.start) & (ticks < violation.end)

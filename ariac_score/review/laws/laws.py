@@ -257,14 +257,21 @@ def _rate(world: World, situation: Situation) -> Broken | None:
 
 
 def _second_costs(world: World, case: Case, violation: Violation) -> Number:
-    """What one more second of a violation costs where it is the first and only one."""
+    """What a second of a violation costs where it costs most: as the first and only one, or at its end."""
     short = replace(violation, start=0, end=5)
-    first, second = scores_of(
-        world,
-        replace(case, violations=(short,)),
-        replace(case, violations=(replace(short, end=short.end + TICKS_PER_S),)),
+    others = [one for one in case.violations if one != violation]
+
+    def lasting(ticks: int) -> Case:
+        as_long = replace(violation, end=max(violation.start + 1, violation.end + ticks))
+        return replace(case, violations=tuple(sorted([*others, as_long])))
+
+    alone = [replace(case, violations=(replace(short, end=end),)) for end in (5, 5 + TICKS_PER_S)]
+    at_its_end = [lasting(-TICKS_PER_S), case, lasting(TICKS_PER_S)]
+    return max(
+        abs(second - first)
+        for cases in (alone, at_its_end)
+        for first, second in pairwise(scores_of(world, *cases))
     )
-    return abs(first - second)
 
 
 # Doing nothing is not optimal ----------------------------------------------------------
@@ -333,6 +340,9 @@ def _draw_pieces(world: World, rng: Random) -> Situation:
     first = tuple(
         replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations
     )
+    if rng.random() < 0.2:  # more often than the least piece of work is worth points
+        first = _again(world, rng, 9)
+        first = first if first[-1].end <= _PERIOD // 2 else first[:3]
     return Situation(
         replace(case, orders=(case.orders[0],) * _PIECES, failed=failed, violations=tuple(sorted(first)))
     )
@@ -458,7 +468,7 @@ LAWS: tuple[Law, ...] = (
         "log_rate",
         "halving the log rate changes at most one sample's worth",
         "the findings are made from every second sample; for each violation the score may move by what "
-        "a tenth of a second costs where it costs most, in the first second of a first violation",
+        "a tenth of a second costs where it costs most, in the first second of a first one or at its end",
         _without_time,
         _draw_rate,
         _rate,

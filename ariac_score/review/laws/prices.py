@@ -168,8 +168,10 @@ def _highest_step(score: Callable[[int], Number], low: int, high: int) -> int | 
 
 
 def _is_cliff(score: Callable[[int], Number], at: int, least: float) -> bool:
+    if at < 2:  # nothing is known of what comes before it
+        return False
     step = abs(score(at + 1) - score(at))
-    beside = max(abs(score(at) - score(at - 1)) if at > 1 else 0.0, abs(score(at + 2) - score(at + 1)))
+    beside = max(abs(score(at) - score(at - 1)), abs(score(at + 2) - score(at + 1)))
     return step > least and step > _STEEPEST * beside
 
 

@@ -46,16 +46,18 @@ def _lost(subject: Subject, quantity: Quantity) -> str:
     return f"{quantity} may move {where} either way"
 
 
-def _falls(subject: Subject, quantities: Iterable[Quantity]) -> Argument:
-    """The score falls, or stays, when each of some quantities gets worse."""
+def _falls(subject: Subject, quantities: Iterable[Quantity], *, alive: bool = False) -> Argument:
+    """The score falls, or stays, when each of some quantities gets worse; or does so where it is above 0."""
     missing, because = [], []
+    grade = subject.alive if alive else subject.whole
+    allowed = (Sign.DOWN, Sign.NONE) if alive else (Sign.DOWN,)
     for one in quantities:
         if not one.grows:
             missing.append(f"{one} does not grow with violations: {one.why_not}")
-        if subject.whole.sign(one.name) is not Sign.DOWN:
+        if grade.sign(one.name) not in allowed:
             missing.append(
                 _lost(subject, one)
-                if subject.whole.sign(one.name) is Sign.BOTH
+                if grade.sign(one.name) is Sign.BOTH
                 else f"the score rises with {one}"
             )
         because.append(f"{one} never falls when violations get worse, and the score never rises with it")
@@ -68,10 +70,11 @@ def more_violations(subject: Subject) -> Argument:
 
 
 def always_costs(subject: Subject) -> Argument:
-    """Of every check one quantity grows with every further violation, and moves the score strictly."""
-    falls = more_violations(subject)
-    if not falls.proves:
-        return falls
+    """Of every check one quantity grows with every further violation, and moves a score above 0 strictly.
+
+    A violation that takes the score out of where it is above 0 costs as well, so that it is enough to know
+    the score there.
+    """
     return _strictly(subject, "grows with every further violation", lambda one: one.always)
 
 
@@ -96,18 +99,36 @@ def nothing_left(subject: Subject) -> Argument:
 
 
 def severity(subject: Subject) -> Argument:
-    """Of every check that measures depth one quantity grows with it, and moves the score strictly."""
-    falls = more_violations(subject)
-    if not falls.proves:
-        return falls
+    """Of every check that measures depth one quantity grows with it, and moves a score above 0 strictly.
+
+    The violation is there, and as long, in both: what hangs on nothing else is the same.
+    """
     return _strictly(
-        subject, "grows with depth", lambda one: one.deepens, only=frozenset(subject.world.graded)
+        subject,
+        "grows with depth",
+        lambda one: one.deepens,
+        only=frozenset(subject.world.graded),
+        same=lambda one: one.depthless,
     )
 
 
 def _strictly(
-    subject: Subject, words: str, which: Callable[[Quantity], bool], only: frozenset[str] | None = None
+    subject: Subject,
+    words: str,
+    which: Callable[[Quantity], bool],
+    *,
+    only: frozenset[str] | None = None,
+    same: Callable[[Quantity], bool] = lambda _: False,
 ) -> Argument:
+    """Whether the score, where it is above 0, falls with each check that gets worse in some way.
+
+    Args:
+        subject: The rule set.
+        words: The way, of a quantity.
+        which: The quantities that always grow in that way.
+        only: The checks that can; all where none are given.
+        same: The quantities that stay as they are.
+    """
     missing, because = [], []
     for check in subject.world.safety:
         if only is not None and check not in only:
@@ -115,9 +136,13 @@ def _strictly(
         if _takes_all(subject, check):
             because.append(f"one violation of {check} takes everything")
             continue
-        moving = [q for q in subject.priced_violations if check in q.checks and which(q)]
+        moved = [q for q in subject.priced_violations if check in q.checks and not same(q)]
+        falls = _falls(subject, moved, alive=True)
+        moving = [q for q in moved if which(q)]
         strict = [q for q in moving if q.name in subject.alive.strict]
-        if strict:
+        if not falls.proves:
+            missing += falls.because
+        elif strict:
             because.append(f"{strict[0]} {words}, and where the score is not 0 it always falls with it")
         elif moving:
             missing.append(f"the score may stay as it is when {moving[0]} grows")
@@ -279,7 +304,7 @@ def _open_counts(counts: str, check: str) -> str:
 
 def stopping_early(subject: Subject) -> Argument:
     """With equal pieces at a constant rate the score does not fall with their number."""
-    proves, because = going_on_pays(subject.tree)
+    proves, because = going_on_pays(subject.tree, subject.idle)
     return Argument(proves, because)
 
 

@@ -8,7 +8,7 @@ with the number of pieces: so x * 1 / (1 + x) keeps the law, and x * p ** x does
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -17,7 +17,7 @@ from ariac_score.review.proofs.quantities import DURATION, FACT, VIOLATIONS, Qua
 from ariac_score.review.proofs.tree import Each, Known, Node, Op, Taken, Term, bare, inputs_of, parts_of, text
 from ariac_score.scoring.signs import Typed
 
-__all__ = ["adds_up", "going_on_pays", "works"]
+__all__ = ["adds_up", "going_on_pays", "works", "worth_undone"]
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,19 @@ class _NotKnownError(Exception):
     """What is not known, in words."""
 
 
-def going_on_pays(tree: Term) -> tuple[bool, tuple[str, ...]]:
-    """Whether one more piece, equal to those before it, never lowers the score; and why, or why not."""
+def going_on_pays(tree: Term, undone: Mapping[str, float]) -> tuple[bool, tuple[str, ...]]:
+    """Whether one more piece, equal to those before it, never lowers the score; and why, or why not.
+
+    Args:
+        tree: The score.
+        undone: What the quantities of the task are where nothing is done.
+    """
     earning = set(works(tree))
     if len(earning) > 1 and any(Grades().of(work).typed.least < 0 for work in earning):
         return False, ("work earns in several places, of which one may be below 0",)
+    for work in earning:
+        if (most := worth_undone(work, undone)) != 0:
+            return False, (f"what is not done may be worth {most:g}, which violations then cost as well",)
     try:
         found = _of(tree)
     except _NotKnownError as missing:
@@ -48,7 +56,7 @@ def going_on_pays(tree: Term) -> tuple[bool, tuple[str, ...]]:
         return False, ("one more piece may cost more than it brings",)
     if (
         any(q.switch and q.of == VIOLATIONS for q in inputs_of(tree))
-        and _without_work(tree) > found.typed.least
+        and _without_work(tree, undone) > found.typed.least
     ):
         return False, ("what the first piece violates may cost more than it brings",)
     return True, (
@@ -73,9 +81,16 @@ def works(node: Node) -> Iterator[Node]:
             yield from works(part)
 
 
-def _without_work(tree: Term) -> float:
+def worth_undone(work: Node, undone: Mapping[str, float]) -> float:
+    """What work is worth where none of it is done: farthest from 0."""
+    typed = Grades(pins=undone).of(work).typed
+    return max(typed.least, typed.most, key=abs)
+
+
+def _without_work(tree: Term, undone: Mapping[str, float]) -> float:
     """What no work and no violations give at most."""
-    return Grades(pins={q.name: 0.0 for q in inputs_of(tree) if q.adds or q.switch}).of(tree).typed.most
+    none = {q.name: 0.0 for q in inputs_of(tree) if q.of == VIOLATIONS}
+    return Grades(pins={**none, **undone}).of(tree).typed.most
 
 
 def _of(node: Node) -> _Scaling:

@@ -40,6 +40,7 @@ class Quantity:
         always: Whether it grows with every further violation.
         apart: Whether it grows with every further violation that is long after the others.
         deepens: Whether it grows with the depth of a violation that is apart from others.
+        depthless: Whether it hangs on when violations are alone, and not on how deep they are.
         smooth: Whether a small change of a violation's length or depth changes it by little.
         bridged: Whether a pause that is shorter than what its monitor bridges leaves it as it is.
         adds: Whether pieces of work with the same violations each give it the same each.
@@ -57,6 +58,7 @@ class Quantity:
     always: bool = False
     apart: bool = False
     deepens: bool = False
+    depthless: bool = False
     smooth: bool = False
     bridged: bool = True
     adds: bool = False
@@ -78,7 +80,10 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
         label: How a formula has it.
     """
     if function in ("violated", "critical"):
-        return Quantity(label, VIOLATIONS, 0, 1, (check,), switch=True, same_at_rates=True)
+        depthless = function == "violated"
+        return Quantity(
+            label, VIOLATIONS, 0, 1, (check,), depthless=depthless, switch=True, same_at_rates=True
+        )
     if function in ("count", "occurrences") and events:
         # An event has no length and no depth to be changed by little: each is one more.
         return Quantity(
@@ -87,6 +92,7 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
             checks=(check,),
             always=True,
             apart=True,
+            depthless=True,
             smooth=True,
             adds=True,
             same_at_rates=True,
@@ -99,12 +105,20 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
             grows=False,
             why_not=JOINING,
             apart=True,
+            depthless=True,
             adds=True,
             same_at_rates=True,
         )
     if function == "occurrences":
         return Quantity(
-            label, VIOLATIONS, checks=(check,), grows=False, why_not=JOINING, apart=True, adds=True
+            label,
+            VIOLATIONS,
+            checks=(check,),
+            grows=False,
+            why_not=JOINING,
+            apart=True,
+            depthless=True,
+            adds=True,
         )
     if function in ("seconds", "depth"):
         return Quantity(
@@ -114,6 +128,7 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
             always=True,
             apart=True,
             deepens=function == "depth",
+            depthless=function == "seconds",
             smooth=True,
             bridged=False,
             adds=True,

@@ -18,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from math import inf, isfinite
 from typing import Any
 
-from ariac_score.review.proofs.elasticity import adds_up
+from ariac_score.review.proofs.elasticity import adds_up, worth_undone
 from ariac_score.review.proofs.grades import Grade, Grades
 from ariac_score.review.proofs.quantities import DURATION, VIOLATIONS, Quantity
 from ariac_score.review.proofs.subject import Subject
@@ -368,12 +368,14 @@ def stopping_early(solver: Solver, subject: Subject) -> Answer:
         scores.append(trial.of(subject.tree))
         if len(trial.works) > 1:
             raise OutsideError("work earns in several places, of which one may be below 0")
-    nothing = {q.name: 0.0 for q in inputs_of(subject.tree) if q.of == VIOLATIONS or q.adds}
+        if any(worth_undone(work, subject.idle) for work in trial.works):
+            raise OutsideError("what is not done may be worth something")
+    nothing = {q.name: 0.0 for q in inputs_of(subject.tree) if q.of == VIOLATIONS}
     before, after = scores
     answer = solver.ask([*wanted, pieces >= 1, after < before], "one more equal piece never lowers the score")
     if not answer.proves:
         return answer
-    idle = Grades(pins=nothing).of(subject.tree).typed.most
+    idle = Grades(pins={**nothing, **subject.idle}).of(subject.tree).typed.most
     if not isfinite(idle):
         raise OutsideError("nothing bounds what no work gives")
     words = "one more equal piece never lowers the score, nor does the first"
