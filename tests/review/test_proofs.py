@@ -40,7 +40,7 @@ monitors:
   separation: {use: iso_ts_15066.ssm_separation, with: {profile: seed}}
   dropped: {use: ariac.no_event, with: {kind: part_dropped}}
 terms:
-  submission: {kit: points(part_color)}
+  submission: {kit: points(part_color), place: 1}
   trial: {earned: sum(submission.kit)}
 score: SCORE
 """
@@ -151,6 +151,16 @@ def test_every_law_is_judged_once() -> None:
         ("earned * (1 - violated(dropped))", {"more_violations", "waiting"}),
         ("earned * gate(separation)", {"more_violations", "short_pause"}),
         ("earned / (1 + floor(seconds(separation)))", {"more_violations", "more_points"}),
+        # Joining two violations may pay; but the deeper of two is as long, and costs more.
+        ("earned / (1 + demerits(separation, tau_s=5))", {"severity"}),
+        # Negative points are rescued by the gate; but of a score above 0 every violation takes something.
+        ("earned - count(dropped) if holds(dropped) else 0 - earned", {"always_costs"}),
+        # The stricter charge, which costs in the shadow of something heavier as well.
+        (
+            "earned / (1 + charged(separation=1, dropped=1) + measure(separation, relative_depth_integral_s)"
+            " / 50 + count(dropped) / 50)",
+            {"more_violations", "always_costs", "severity"},
+        ),
     ],
 )
 def test_types_prove_laws(score: str, proven: set[str], tmp_path: Path) -> None:
@@ -175,6 +185,10 @@ def test_types_prove_laws(score: str, proven: set[str], tmp_path: Path) -> None:
         ("holds(dropped) * (5 + earned)", "stopping_early"),
         ("earned / (1 + seconds(separation))", "short_pause"),
         ("3 - earned", "more_points"),
+        # What is not done is worth a point as well, and the first violation takes of all of them.
+        ("(earned + sum(submission.place)) / (1 + seconds(separation))", "stopping_early"),
+        # A violation that takes the score below 0 is charged again by what then counts for it.
+        ("earned - 2 * seconds(separation) if holds(dropped) else 5", "always_costs"),
     ],
 )
 def test_what_does_not_hold_is_not_proven(score: str, law: str, tmp_path: Path) -> None:

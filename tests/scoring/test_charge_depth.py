@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -198,6 +198,53 @@ def test_what_lies_between_two_at_least_as_deep_changes_nothing(
     empty = cost(*of([left, *(0.0 for _ in valley), right]))
     assert cost(*of([left, *valley, right])) == pytest.approx(empty)
     assert cost(*of([left, *(side for _ in valley), right])) == pytest.approx(empty)
+
+
+def literally(pairs: Mapping[str, list[list[float]]], step_s: float = 0.25) -> float:
+    """The definition, cell by cell: the integral over the most of the last T, divided by T, of each pair."""
+    back = round(T_S / step_s)
+    cost = 0.0
+    for profiles in pairs.values():
+        length = max(map(len, profiles))
+        pressing = [max((p[i] for p in profiles if i < len(p)), default=0.0) for i in range(length)]
+        pressing += [0.0] * back
+        cost += sum(max(pressing[max(0, i - back) : i + 1]) for i in range(len(pressing))) * step_s / T_S
+    return cost
+
+
+@given(st.lists(tenths, min_size=1, max_size=4), st.lists(tenths, max_size=2), st.sampled_from([0, 1, 2]))
+def test_it_is_what_the_definition_says_taken_literally(
+    of_one: list[list[float]], of_other: list[list[float]], severity: int
+) -> None:
+    """Several checks about one pair of bodies are one event; other bodies are another."""
+    weight = {"near": 1.0, "touched": 0.5}
+    checks = ["near", "touched", "near", "touched"]
+    findings = []
+    pressing: dict[str, list[list[float]]] = {}
+    for subject, violations in (("robot/human", of_one), ("robot/human_2", of_other)):
+        for check, values in zip(checks, violations, strict=False):
+            findings += [replace(one, check=check, subject=subject) for one in of(values)]
+            weighed = [weight[check] * depth**severity if depth else 0.0 for depth in values]
+            pressing.setdefault(subject, []).append(weighed)
+
+    assert cost(*findings, severity=severity, **weight) == pytest.approx(literally(pressing))
+
+
+def test_a_stricter_form_that_charges_the_sum_besides_can_be_written() -> None:
+    """Case P20 of the methods: of what is in the shadow a tenth of its integral is charged as well."""
+    formula = Expression.parse(
+        "charged(near=1, touched=1) + 0.1 / 5 * "
+        "(measure(near, relative_depth_integral_s) + measure(touched, relative_depth_integral_s))",
+        where="$.score",
+    )
+    deep = replace(violation([(0, 1, 0.8)]), quantities={"relative_depth_integral_s": 0.8})
+    shallow = violation([(0.2, 0.8, 0.2)], check="touched")
+    shallow = replace(shallow, quantities={"relative_depth_integral_s": 0.12})
+    found = {"near#1": deep, "touched#1": shallow}
+
+    sheet = ScoreSheet({}, formula, frozenset({"near", "touched"}))
+    scored = sheet.evaluate(Scope("trial", "", {"duration_s": 60.0, "orders": 0}), found)
+    assert scored.value == pytest.approx(0.9784)
 
 
 @given(tenths)

@@ -175,7 +175,7 @@ class World:
             check
             for check, uses in self.uses.items()
             if self._is_monitor(check)
-            and any(function in VIOLATION_FUNCTIONS for _, function in uses)
+            and any(function in VIOLATION_FUNCTIONS or function == "measure" for _, function in uses)
             and set(self.measured.get(check, ())) <= _SEVERITIES
         )
 
