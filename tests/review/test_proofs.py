@@ -230,6 +230,40 @@ def test_a_term_outside_the_calculus_is_named(tmp_path: Path) -> None:
     )
 
 
+TABLE = """\
+  trial:
+    earned: sum(submission.kit)
+    left:
+      columns: [share]
+      table:
+        - {row: calm, when: {separation: holds, dropped: holds}, share: CALM}
+        - {row: something dropped, when: {separation: holds, dropped: violated}, share: DROPPED}
+        - {row: too near, when: {separation: violated}, share: NEAR}
+"""
+
+
+@pytest.mark.parametrize(
+    ("calm", "dropped", "near", "proves"),
+    [
+        (1, 0.5, 0, True),
+        (1, 0.25, 0.5, False),  # who dropped something comes too near as well, and has more
+        (1, 1.5, 0, False),  # a negative price
+    ],
+)
+def test_a_table_has_the_type_of_its_rows(
+    calm: float, dropped: float, near: float, proves: bool, tmp_path: Path
+) -> None:
+    table = TABLE.replace("CALM", str(calm)).replace("DROPPED", str(dropped)).replace("NEAR", str(near))
+    text = RULES.replace("  trial: {earned: sum(submission.kit)}\n", table).replace("SCORE", "earned * share")
+    (tmp_path / "made.yaml").write_text(text, encoding="utf-8")
+    subject = subject_of(str(tmp_path / "made.yaml"), REGISTRY)
+
+    found = {one.law.name: one.verdict for one in prove(subject, cases=0, solver=find_solver())}
+
+    assert (found["more_violations"] == "proven") is proves
+    assert found["waiting"] == "proven"
+
+
 # What the solver is asked ---------------------------------------------------------------
 
 FREE_POINTS = "earned - 5"  # what was earned, less a fee: it may be below 0
@@ -446,6 +480,19 @@ def test_what_must_be_proven_of_a_shipped_rule_set_is(name: str) -> None:
     found = {one.law.name: one.verdict for one in prove(subject, cases=0, solver=find_solver())}
 
     assert {law: found[law] for law in must_be_proven(subject) if found[law] in ("refuted", "open")} == {}
+
+
+def test_what_a_shipped_rule_set_breaks_it_declares() -> None:
+    table = laws_table_of(PAGE.read_text(encoding="utf-8"))
+
+    assert len(table) > 10
+    assert [row[0] for row in table if "**no**" in row] == []
+
+
+def laws_table_of(page: str) -> list[list[str]]:
+    """The cells of each row: the rule sets, and what is known of each law."""
+    rows = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("| `")]
+    return [[cell.strip() for cell in row] for row in rows if len(row) == 1 + len(ALL_LAWS)]
 
 
 @pytest.mark.slow

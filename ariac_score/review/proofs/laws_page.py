@@ -15,7 +15,15 @@ __all__ = ["laws_table", "must_be_proven"]
 
 _ALWAYS = frozenset({"waiting", "unknown"})
 _OF_PENALTIES = frozenset(
-    {"more_violations", "log_rate", "short_pause", "severity", "running_again", "standing_still"}
+    {
+        "more_violations",
+        "nothing_left",
+        "log_rate",
+        "short_pause",
+        "severity",
+        "running_again",
+        "standing_still",
+    }
 )
 _MARKS = {"proven": "proven", "refuted": "**no**", "open": "?", "not_applicable": ""}
 
@@ -25,7 +33,8 @@ def must_be_proven(subject: Subject) -> frozenset[str]:
 
     Of every rule set that waiting changes nothing and that unknown never beats known; of one with a penalty
     also that violations never help, whatever the log rate and however they are split, that deeper ones cost
-    more, that running again changes nothing, and that who stands still is not charged for what a human does.
+    more, that they still count where nothing is left, that running again changes nothing, and that who stands
+    still is not charged for what a human does.
     """
     has_penalty = "safety_demerits" in subject.rule_set.sheet.terms.get("trial", {})
     return _ALWAYS | _OF_PENALTIES if has_penalty else _ALWAYS
