@@ -56,9 +56,7 @@ def _falls(subject: Subject, quantities: Iterable[Quantity], *, alive: bool = Fa
             missing.append(f"{one} does not grow with violations: {one.why_not}")
         if grade.sign(one.name) not in allowed:
             missing.append(
-                _lost(subject, one)
-                if grade.sign(one.name) is Sign.BOTH
-                else f"the score rises with {one}"
+                _lost(subject, one) if grade.sign(one.name) is Sign.BOTH else f"the score rises with {one}"
             )
         because.append(f"{one} never falls when violations get worse, and the score never rises with it")
     return _argued(missing, because or ["no violation enters the score"])
