@@ -15,6 +15,7 @@ from msgspec import structs
 from ariac_score.engine.price import price_trial, reprice
 from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Ranking, RunOutcome, Stewarded, rank_again
 from ariac_score.ranking.spec import Spec
 from ariac_score.results.adjustments import Adjustments, apply, check_targets
@@ -111,9 +112,17 @@ def _changed(
         decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         result=replace(result, adjusted=adjusted),
-        # What stewards decided is decided; the ends were those of the automatic score.
-        open=None,
+        open=_ends(run, adjusted),
     )
+
+
+def _ends(run: RunOutcome, adjusted: Adjusted) -> Ends | None:
+    """Between what an adjusted score lies: points move both ends, any other ruling decides what was open."""
+    moved = all(a.points is not None or a.dismissed for a in adjusted.adjustments)
+    if run.open is None or run.score is None or adjusted.score is None or not moved:
+        return None
+    by = adjusted.score - run.score
+    return Ends(run.open.least + by, run.open.most + by)
 
 
 def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:

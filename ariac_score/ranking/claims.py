@@ -151,19 +151,24 @@ def _by_trial(
 
 
 def _own(runs: Sequence[RunOutcome], counts: Decimal, sign: int, digits: int) -> _Own:
-    made = [run for run in runs if run.score is not None and run.outcome in (*WITH_SCORE, *AS_ZERO)]
+    made = [ends for run in runs if (ends := _ends(run)) is not None]
     if made:
-        ends = [[sign * _units(end, digits) for end in _ends(run)] for run in made]
-        return _Own(tuple((min(both), max(both)) for both in ends))
+        units = [[sign * _units(end, digits) for end in ends] for ends in made]
+        return _Own(tuple((min(both), max(both)) for both in units))
     # A log that cannot be read, or decided, is no statement about how the robot drove.
     return _Own() if runs else _Own(instead=sign * _units(counts, digits))
 
 
-def _ends(run: RunOutcome) -> tuple[Decimal, Decimal]:
-    """Between what its score lies."""
-    assert run.score is not None  # only runs with a score are made
-    interval = None if run.result is None else run.result.interval
-    return (run.score, run.score) if interval is None else (interval.least, interval.most)
+def _ends(run: RunOutcome) -> tuple[Decimal, Decimal] | None:
+    """Between what its score lies; `None` where nothing is known of it.
+
+    A score that is withheld still lies between its ends. Left out, it would let a team choose which of its
+    runs are compared.
+    """
+    if run.outcome in AS_ZERO or (run.outcome in WITH_SCORE and run.open is None):
+        return None if run.score is None else (run.score, run.score)
+    counts = run.outcome in (*WITH_SCORE, "undecided") and run.open is not None
+    return (run.open.least, run.open.most) if counts and run.open is not None else None
 
 
 def _units(amount: Decimal, digits: int) -> int:

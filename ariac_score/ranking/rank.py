@@ -500,9 +500,11 @@ def _priced(
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
     pool = pools.get((run.team, run.trial))
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
-        return replace(run, kept=counts)
+        # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
+        alone = cohort is None and pool is None
+        return replace(run, kept=counts, open=run.open if alone else None)
     if isinstance(pool, str):
-        return replace(run, outcome="undecided", cause=pool, score=None, kept=False)
+        return replace(run, outcome="undecided", cause=pool, score=None, kept=False, open=None)
     if cohort is None and pool is None:
         return replace(run, kept=counts)
     values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
@@ -595,6 +597,7 @@ def _standings(
     values = dict(zip(counting, spec.values([totals[number] for number in counting]), strict=True))
     won = _places([own[competition.teams[number].id] for number in counting], spec)
     ties = [key.name for key in spec.ties if key.name != COUNT_BACK]
+    alike = _same_recordings(outcomes)
     found = [
         TeamRank(
             None,
@@ -605,7 +608,10 @@ def _standings(
             total["judges"],
             {name: _tie(name, team.id, total, outcomes) for name in ties},
             own[team.id],
-            _remarks(own[team.id], values.get(number), _missing_marks(team, competition.teams), team),
+            (
+                *_remarks(own[team.id], values.get(number), _missing_marks(team, competition.teams), team),
+                *alike.get(team.id, ()),
+            ),
             won[counting.index(number)] if number in values else (),
             disqualified=team.disqualified,
         )
@@ -777,6 +783,33 @@ def _remarks(
     elif missing_marks:
         remarks.append(missing_marks)
     return tuple(remarks)
+
+
+def _same_recordings(outcomes: Sequence[RunOutcome]) -> dict[str, list[str]]:
+    """For each team its runs whose recording is another run's as well, byte for byte.
+
+    Nothing tells who copied it, or whether two robots just stood still, so both teams are told.
+    """
+    groups: dict[frozenset[str], list[RunOutcome]] = {}
+    for run in outcomes:
+        if recording := _recording(run):
+            groups.setdefault(recording, []).append(run)
+    remarks: dict[str, list[str]] = {}
+    for runs in groups.values():
+        for run in runs if len(runs) > 1 else ():
+            others = [f"{o.team}, {o.trial}, run {o.number}" for o in runs if o.key != run.key]
+            more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+            remarks.setdefault(run.team, []).append(
+                f"{run.trial}, run {run.number}: its recording is, byte for byte, also that of "
+                f"{'; '.join(others[:3])}{more}"
+            )
+    return remarks
+
+
+def _recording(run: RunOutcome) -> frozenset[str]:
+    """The hashes of its logs; an organiser's text or database may hold what many runs came to."""
+    parts = run.result.provenance.inputs if run.result else ()
+    return frozenset(part.sha256 for part in parts if part.role == "log")
 
 
 def remarks_on_team(standing: TeamRank) -> tuple[str, ...]:

@@ -20,9 +20,9 @@ from ariac_score.results.result import Provenance, Result
 from ariac_score.results.result_file import as_json, result_in
 from ariac_score.review.differences import SHOWN, Place, differences, listed
 from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step
-from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 
-__all__ = ["compared_with_log", "competition_at"]
+__all__ = ["compared_with_log", "competition_at", "installed_rules", "other_versions"]
 
 
 def compared_with_log(
@@ -57,8 +57,38 @@ def compared_with_log(
         )
         again = reprice(again, rule_set, stored.cohort) if stored.cohort.values else again
     again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
+    again, names = _as_it_was_named(stored, again)
     again, parts = _as_it_was_read(stored, again)
-    return [*parts, _inputs(stored, again), _recomputed(stored, again)]
+    return [*parts, _inputs(stored, again), *names, _recomputed(stored, again)]
+
+
+def _as_it_was_named(stored: Result, again: Result) -> tuple[Result, list[Step]]:
+    """The new result under the names of the stored one where its log names no team; then a step says so.
+
+    Whose run it is, and of which trial, comes of the place of a log in its competition.
+    """
+    then, now = stored.measured, again.measured
+    if not then.team or now.team:
+        return again, []
+    words = (
+        f"that it is {then.trial} of {then.team} is the word of the file alone, for the log names no team; "
+        "--log COMPETITION says whose run it is, and takes the organiser's configurations"
+    )
+    named = replace(now, team=then.team, trial=then.trial)
+    return replace(again, measured=named), [Step("run", OPEN, words)]
+
+
+def installed_rules(name: str) -> RuleSet | None:
+    """The installed rule set of a name that a document states, where there is one.
+
+    Never a file: what a document names may lie beside it, and then vouches for itself.
+    """
+    if name.endswith((".yaml", ".yml")) or "/" in name or "\\" in name:
+        return None
+    try:
+        return load_rule_set(name)
+    except ScoreError:
+        return None
 
 
 def competition_at(log: Path, rules: str) -> Competition | None:
@@ -210,7 +240,7 @@ def _recomputed(stored: Result, again: Result) -> Step:
         else f"the same score, {'task score' if stored.is_former else 'ledger'} and findings"
         + ("; the result does not keep its settings" if stored.measured.settings is None else "")
     )
-    versions = list(_versions(stored.provenance, again.provenance))
+    versions = list(other_versions(stored.provenance, again.provenance))
     if stored.is_former and not recorded and not values and not versions:
         return Step("recomputed", OPEN, f"{words}; the lines of its ledger are the word of the file alone")
     if stored.is_former and not versions:
@@ -242,7 +272,7 @@ def _is_of_method(place: Place) -> bool:
     )
 
 
-def _versions(stored: Provenance, again: Provenance) -> Iterator[str]:
+def other_versions(stored: Provenance, again: Provenance) -> Iterator[str]:
     """The rules and packages that differ between a result and its computation now."""
     for what, one, other in (
         ("rule set", stored.rule_set, again.rule_set),

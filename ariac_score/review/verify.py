@@ -42,7 +42,7 @@ from ariac_score.results.result_file import (
     read_result,
 )
 from ariac_score.results.signing import check_signature, keys_asked_for
-from ariac_score.review.computed_again import compared_with_log, competition_at
+from ariac_score.review.computed_again import compared_with_log, competition_at, installed_rules
 from ariac_score.review.differences import SHOWN, differences, listed
 from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step, Verification
 from ariac_score.scoring.policy import OPEN as OPEN_POLICY
@@ -165,7 +165,7 @@ def _root_of(rules: str, competition: Competition | None, result: Result) -> _Ro
         return _Root(load_rule_set(rules), "as given")
     if competition is not None and competition.rules != result.provenance.rule_set.id:
         return _Root(load_rule_set(competition.rules), f"of {competition.id}")
-    installed = _installed(result)
+    installed = installed_rules(result.provenance.rule_set.id)
     return None if installed is None else _Root(installed, "as installed")
 
 
@@ -309,15 +309,6 @@ def _canonical(text: str, tag: str, result: Result) -> Step:
 
 def _as_before(policy: str) -> str:
     return "withhold" if policy == OPEN_POLICY else policy
-
-
-def _installed(result: Result) -> RuleSet | None:
-    """The rule set of that name, where one is installed."""
-    try:
-        name = result.provenance.rule_set.id
-        return None if name.endswith((".yaml", ".yml")) or "/" in name else load_rule_set(name)
-    except ScoreError:
-        return None
 
 
 def _rules(result: Result, root: _Root | None) -> Step:

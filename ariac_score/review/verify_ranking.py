@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from ariac_score.documents.plain_file import read_plain
 from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import CutOffError, ScoreError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences as from_organisers
-from ariac_score.ranking.competition import Competition, load_competition, signers_of
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, signers_of
 from ariac_score.ranking.evaluation import Evaluation, strict_evaluation
 from ariac_score.ranking.publication import PUBLICATION, Publication, load_publication, ranking_json
-from ariac_score.ranking.rank import Ranking, TeamRank, rank_results
+from ariac_score.ranking.rank import TeamRank, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.ranking.stored import read_stored, results_folder, write_results
 from ariac_score.results.adjustments import Adjustments, load_adjustments
 from ariac_score.results.codec import MAX_BYTES
+from ariac_score.results.result import Result
+from ariac_score.results.result_file import load_result
 from ariac_score.results.signing import check_signature, keys_asked_for
+from ariac_score.review.computed_again import installed_rules, other_versions
 from ariac_score.review.differences import SHOWN, differences, listed
 from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step, Verification
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
@@ -96,12 +98,15 @@ def _written(path: Path, publication: Publication) -> Iterator[Step]:
     text = read_plain(path, MAX_BYTES).decode("utf-8")
     if PUBLICATION.text(publication) == text:
         yield Step("bytes", OK, "as they are written")
-    elif publication.statistics is None:
-        yield Step(
-            "bytes", NOTE, "of a version that is read, but no longer written; its values were compared"
-        )
+    elif _tag(text) != PUBLICATION.tag:
+        yield Step("bytes", NOTE, f"{_tag(text)} is read, but no longer written; its values were compared")
     else:
         yield Step("bytes", FAILED, "written in another way")
+
+
+def _tag(text: str) -> str:
+    """The format that the file of a ranking states; it was read, so it states one."""
+    return str(json.loads(text)["schema"])
 
 
 def _ranks(publication: Publication) -> Step:
@@ -129,11 +134,9 @@ def _rules(
 ) -> tuple[RuleSet | None, Step]:
     """The rules that are trusted, and whether the ranking is by them."""
     stated = publication.rule_set
-    try:
-        rule_set = load_rule_set(rules or (competition.rules if competition is not None else stated.id))
-    except ScoreError:
-        if rules or competition is not None:
-            raise
+    named = rules or (competition.rules if competition is not None else "")
+    rule_set = load_rule_set(named) if named else installed_rules(stated.id)
+    if rule_set is None:
         words = (
             f"{stated.id} is not installed here, so its rules are the word of the file alone; --rules NAME"
         )
@@ -198,28 +201,62 @@ def _again(
         )
         yield Step("log", OPEN, words)
     text = read_plain(path, MAX_BYTES).decode("utf-8")
-    again, cut = _computed(publication, competition, rule_set, decisions, keys, partial=False)
-    if again != text and cut:
-        partial, _ = _computed(publication, competition, rule_set, decisions, keys, partial=True)
-        again = partial if partial == text else again
-    if again == text:
+    again = _computed(publication, competition, rule_set, decisions, keys, partial=False)
+    if again.text != text and again.is_cut:
+        partial = _computed(publication, competition, rule_set, decisions, keys, partial=True)
+        again = partial if partial.text == text else again
+    if again.text == text:
         yield Step("recomputed", OK, "the same to the byte")
         return
-    before, after = json.loads(text), json.loads(again)
-    if publication.statistics is None:
+    before, after = json.loads(text), json.loads(again.text)
+    if _tag(text) != PUBLICATION.tag:
         before = json.loads(PUBLICATION.text(publication))
         after["statistics"] = None
         if after["adjusted"] is not None:
             after["adjusted"]["statistics"] = None
-        yield Step("statistics", NOTE, "none are in it")
+        words = f"how sure {_tag(text)} says it is, nothing here computes any more; 'rank' says it anew"
+        yield Step("statistics", OPEN, words)
     if before.get("strangers") != after["strangers"]:
         yield Step("strangers", NOTE, "other files lie among the runs than did then")
         before = {**before, "strangers": after["strangers"]}
     found = differences(before, after)
     if not found:
         yield Step("recomputed", OK, "the same in every value")
-    else:
-        yield Step("recomputed", FAILED, listed(found, "in the ranking", "computed again"))
+        return
+    # Where values differ, so do the files of results, which say nothing more.
+    values = [each for each in found if each[0][:1] + each[0][2:] != ("runs", "result", "sha256")]
+    words = (
+        listed(values, "in the ranking", "computed again")
+        if values
+        else "the same scores and ranks, in results that are other files"
+    )
+    yield Step("recomputed", FAILED, "\n".join([words, *_other_code(publication, path, again.results)]))
+
+
+def _other_code(
+    publication: Publication, path: Path, again: Mapping[RunKey, Result | ScoreError]
+) -> Iterator[str]:
+    """Where the first result that is kept with the ranking was made by other code than this."""
+    folder = results_folder(publication, path)
+    for key, stored in publication.results.items() if folder is not None else ():
+        assert folder is not None  # else there is nothing to go through
+        now = again.get(key)
+        try:
+            then = load_result(folder / stored.file)
+        except ScoreError:
+            continue  # a step of its own names it
+        if isinstance(now, Result):
+            yield from other_versions(then.provenance, now.provenance)
+            return
+
+
+@dataclass(frozen=True)
+class _Computed:
+    """A ranking computed again: its text, whether a log is cut off, what each run gave."""
+
+    text: str
+    is_cut: bool
+    results: Mapping[RunKey, Result | ScoreError]
 
 
 def _computed(
@@ -230,8 +267,7 @@ def _computed(
     keys: Sequence[str],
     *,
     partial: bool,
-) -> tuple[str, bool]:
-    """The ranking computed again from the logs, as text; and whether a log is cut off."""
+) -> _Computed:
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     results = score_runs(
         competition, rule_set, sketches=bool(publication.folder), partial=partial, signed_by=keys
@@ -239,8 +275,6 @@ def _computed(
     ranking = rank_results(competition, spec, rule_set, results, partial=partial)
     if decisions is not None and publication.adjusted is not None:
         ranking = adjusted_ranking(competition, spec, rule_set, ranking, decisions)
-    elif publication.adjusted is not None:  # nobody says what was decided, so that part is left as it is
-        ranking = replace(ranking, stewarded=publication.ranking.stewarded)
     strict = _strict(competition, rule_set, spec)
     after = ranking.stewarded
     with TemporaryDirectory() as folder:
@@ -249,22 +283,18 @@ def _computed(
         ranking,
         spec,
         rank_statistics(ranking, spec, rule_set.digits),
-        _after(after.ranking, spec, rule_set, publication, decisions) if after else None,
+        rank_statistics(after.ranking, spec, rule_set.digits) if after else None,
         strict,
         from_organisers(strict, ranking) if strict else (),
         folder=publication.folder,
         results=stored,
     )
-    cut = any(isinstance(one, CutOffError) for one in results.values())
-    return text, cut
-
-
-def _after(
-    ranking: Ranking, spec: Spec, rule_set: RuleSet, publication: Publication, decisions: Adjustments | None
-) -> Any:
-    return (
-        publication.final_statistics if decisions is None else rank_statistics(ranking, spec, rule_set.digits)
-    )
+    if decisions is None and publication.adjusted is not None:
+        # Nobody says what was decided, so that part is left as it is; a step of its own says so.
+        computed = PUBLICATION.decoded(text.encode("utf-8"), Path())
+        text = PUBLICATION.text(replace(computed, adjusted=publication.adjusted))
+    is_cut = any(isinstance(one, CutOffError) for one in results.values())
+    return _Computed(text, is_cut, results)
 
 
 def _strict(competition: Competition, rule_set: RuleSet, spec: Spec) -> Evaluation | None:
