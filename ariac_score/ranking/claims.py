@@ -21,7 +21,7 @@ from ariac_score.ranking.exact import Claim, draws_for, holm, run_permutation, s
 from ariac_score.ranking.rank import AS_ZERO, WITH_SCORE, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Spec
 
-__all__ = ["MOST_DEALT", "Told", "told_apart"]
+__all__ = ["MOST_DEALT", "Told", "ends_of", "told_apart"]
 
 MOST_DEALT = 12
 """Of more teams runs are not dealt anew: the draws that Holm's bound asks for grow with the square."""
@@ -151,7 +151,7 @@ def _by_trial(
 
 
 def _own(runs: Sequence[RunOutcome], counts: Decimal, sign: int, digits: int) -> _Own:
-    made = [ends for run in runs if (ends := _ends(run)) is not None]
+    made = [ends for run in runs if (ends := ends_of(run)) is not None]
     if made:
         units = [[sign * _units(end, digits) for end in ends] for ends in made]
         return _Own(tuple((min(both), max(both)) for both in units))
@@ -159,7 +159,7 @@ def _own(runs: Sequence[RunOutcome], counts: Decimal, sign: int, digits: int) ->
     return _Own() if runs else _Own(instead=sign * _units(counts, digits))
 
 
-def _ends(run: RunOutcome) -> tuple[Decimal, Decimal] | None:
+def ends_of(run: RunOutcome) -> tuple[Decimal, Decimal] | None:
     """Between what its score lies; `None` where nothing is known of it.
 
     A score that is withheld still lies between its ends. Left out, it would let a team choose which of its

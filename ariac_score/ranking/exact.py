@@ -32,6 +32,7 @@ __all__ = [
     "betting",
     "draws_for",
     "expected_best",
+    "expected_kept",
     "fewest_trials",
     "holm",
     "rank_sets",
@@ -203,12 +204,33 @@ def expected_best(scores: Sequence[int], runs: int) -> Fraction:
     >>> [float(expected_best([9, 7, 6, 5, 4], runs)) for runs in (1, 2, 5)]
     [6.2, 7.4, 9.0]
     """
+    return expected_kept(sorted(scores, reverse=True), runs, 1)
+
+
+def expected_kept(scores: Sequence[int] | Sequence[Fraction], runs: int, keep: int) -> Fraction:
+    """The mean of the best of so many runs, where several of them count: over all ways of choosing them.
+
+    Args:
+        scores: At least so many, those first that count first.
+        runs: How many are chosen.
+        keep: How many of these count; all where it is more.
+
+    Raises:
+        ValueError: More are to be chosen than there are: what was not run is not known.
+
+    >>> [float(expected_kept([9, 7, 6, 5, 4], runs, 2)) for runs in (1, 2, 3, 5)]
+    [6.2, 6.2, 7.1, 8.0]
+    """
     if not 1 <= runs <= len(scores):
         raise ValueError(f"the best of {runs} cannot be had from {len(scores)} runs")
-    ordered = sorted(scores)
-    # The k-th smallest is the best of those chosen when all others come from the k below it.
-    total = sum(score * math.comb(place, runs - 1) for place, score in enumerate(ordered))
-    return Fraction(total, math.comb(len(ordered), runs))
+    kept = min(keep, runs)
+    total = Fraction(0)
+    for place, score in enumerate(scores):
+        after = len(scores) - place - 1
+        # It counts in every way of choosing that takes fewer than `kept` of those before it.
+        ways = sum(math.comb(place, before) * math.comb(after, runs - 1 - before) for before in range(kept))
+        total += Fraction(score) * ways
+    return total / (kept * math.comb(len(scores), runs))
 
 
 def betting(differences: Sequence[int], most: int) -> Fraction:

@@ -498,8 +498,12 @@ def _refuse_contradictions(found: Publication, path: Path) -> None:
             f"{outside[0]!r} leads out of the folder of results", file=path, place="$.runs", hint=hint
         )
     teams = {standing.team for standing in found.final.standings}
-    if (sure := found.final_statistics) is not None and not {odds.team for odds in sure.teams} <= teams:
+    if (sure := found.final_statistics) is not None and not _about(sure) <= teams:
         raise DataFileError("its statistics are of other teams", file=path, place="$.statistics", hint=hint)
+
+
+def _about(sure: Statistics) -> set[str]:
+    return {odds.team for odds in sure.teams} | {own.team for own in sure.selection}
 
 
 def _refuse_wrong_sums(ranking: Ranking, total_by: str, path: Path) -> None:

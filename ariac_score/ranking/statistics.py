@@ -20,7 +20,9 @@ from ariac_score.ranking.claims import MOST_DEALT, Told, told_apart
 from ariac_score.ranking.exact import Claim, fewest_trials, rank_sets
 from ariac_score.ranking.rank import Ranking
 from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, widening
+from ariac_score.ranking.selection import Selection, selections
 from ariac_score.ranking.spec import FloatArray, IntArray, Intervals, Spec, places
+from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.result import canonical
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Number
@@ -123,6 +125,7 @@ class Statistics:
         teams: In the order of the ranking; empty where no run has a score.
         pairs: Each two teams once.
         groups: Best first; neighbouring ones may overlap.
+        selection: In the order of the ranking, what choosing the best runs does; empty where all count.
     """
 
     intervals: Intervals
@@ -133,6 +136,10 @@ class Statistics:
     teams: tuple[TeamOdds, ...] = ()
     pairs: tuple[Pair, ...] = ()
     groups: tuple[Group, ...] = ()
+    selection: tuple[Selection, ...] = ()
+
+    def __post_init__(self) -> None:
+        leave_out_empty(self, "selection")
 
 
 @in_own_decimals
@@ -164,6 +171,7 @@ def rank_statistics(ranking: Ranking, spec: Spec, digits: int) -> Statistics:
         teams=_odds(runs, told, described if isinstance(described, _Described) else None, declared.level),
         pairs=pairs,
         groups=_groups(runs.teams, pairs),
+        selection=selections(ranking, spec, digits),
     )
 
 

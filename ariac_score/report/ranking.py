@@ -10,6 +10,7 @@ from ariac_score.ranking.adjusting import decisions_by_run
 from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.design import MOST_TRIALS, POWER, Design
 from ariac_score.ranking.evaluation import Evaluation
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.spreadsheet import text_cell
@@ -36,6 +37,7 @@ def ranking_text(
         _leaderboard(ranking, style),
         _open(ranking, style),
         _sure(ranking, statistics, style) if statistics else (),
+        _selection(ranking, statistics, style) if statistics else (),
         _unusual(ranking, style),
         _cohort(ranking, style),
         _strict(strict, differences, style) if strict else (),
@@ -177,6 +179,44 @@ def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[st
             yield f"  {plain(standing.name)} comes after the team of equal value before it by {key}"
 
 
+def _selection(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:
+    """What each team would have without the choice of its best runs, beside what it has."""
+    if not statistics.selection:
+        return
+    names = {standing.team: standing.name for standing in ranking.standings}
+    yield style("What choosing the best runs does", "bold")
+    rows = [["team", "as ranked", "as many runs of each team", "a single run"]]
+    rows += [
+        [
+            plain(names[own.team]),
+            amount_text(own.published),
+            f"{_ends_text(own.alike)} (rank {own.alike_rank})",
+            f"{_ends_text(own.single)} (rank {own.single_rank})",
+        ]
+        for own in statistics.selection
+    ]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for number, row in enumerate(rows):
+        cells = (
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        line = "  " + "  ".join(cells).rstrip()
+        yield style(line, "dim") if number == 0 else line
+    yield style(f"  {WHAT_CHOOSING_DOES}", "dim")
+
+
+WHAT_CHOOSING_DOES = (
+    "in the mean over all ways of choosing from the runs that were made; choosing rewards luck: of two teams "
+    "with equal means the one whose runs differ more has the better best"
+)
+
+
+def _ends_text(ends: Ends) -> str:
+    least, most = amount_text(ends.least), amount_text(ends.most)
+    return least if least == most else f"{least} to {most}"
+
+
 DRAWN = {
     "trials_and_runs": "trial and run",
     "trials": "trial, each with its runs",
@@ -305,7 +345,10 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
     of_open = ["execution least", "execution most", "open rank low", "open rank high"] if opened else []
     if opened:
         of_open += [text_cell(f"{trial} {end}") for trial in ranking.trials for end in ("least", "most")]
-    writer.writerow([*head, "rank low", "rank high", *added, *of_open])
+    chosen = {own.team: own for own in statistics.selection} if statistics else {}
+    of_choice = [f"{what} {end}" for what in ("alike", "single run") for end in ("least", "most")]
+    of_choice = of_choice if chosen else []
+    writer.writerow([*head, "rank low", "rank high", *added, *of_open, *of_choice])
     odds = {each.team: each for each in statistics.teams} if statistics else {}
     for standing in ranking.standings:
         own = odds.get(standing.team)
@@ -327,6 +370,10 @@ def ranking_csv(ranking: Ranking, statistics: Statistics | None = None) -> str:
             row.append("" if then.rank is None else str(then.rank))
             row.append("" if then.value is None else repr(then.value))
         row += _ends_of(standing) if opened else []
+        if chosen:
+            found = chosen.get(standing.team)
+            ends = () if found is None else (found.alike, found.single)
+            row += [f"{end:f}" for each in ends for end in (each.least, each.most)] or [""] * len(of_choice)
         writer.writerow(row)
     return out.getvalue()
 
