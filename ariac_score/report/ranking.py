@@ -12,6 +12,7 @@ from ariac_score.ranking.design import MOST_TRIALS, POWER, Design
 from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
+from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.report.text import amount_text
@@ -204,12 +205,6 @@ def _selection(ranking: Ranking, statistics: Statistics, style: Style) -> Iterat
         line = "  " + "  ".join(cells).rstrip()
         yield style(line, "dim") if number == 0 else line
     yield style(f"  {WHAT_CHOOSING_DOES}", "dim")
-
-
-WHAT_CHOOSING_DOES = (
-    "in the mean over all ways of choosing from the runs that were made; choosing rewards luck: of two teams "
-    "with equal means the one whose runs differ more has the better best"
-)
 
 
 def _ends_text(ends: Ends) -> str:

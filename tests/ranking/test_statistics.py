@@ -11,13 +11,14 @@ from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.resampling import (
     RandomBits,
@@ -381,14 +382,22 @@ def test_a_log_that_was_lost_says_nothing_about_anybody() -> None:
 def test_what_is_open_about_a_score_counts_against_the_claim(most_of_b: str, told: str) -> None:
     declared = spec()
     made = ranking({"A": [[9.0]] * 6, "B": [[5.0]] * 6}, declared)
-    interval = SimpleNamespace(least=Decimal(5), most=Decimal(most_of_b))
-    open_ = cast(Result, SimpleNamespace(interval=interval))
-    runs = tuple(
-        replace(run, result=open_) if run.team == "B" and run.trial == "t0" else run for run in made.runs
-    )
+    open_ = Ends(Decimal(5), Decimal(most_of_b))
+
+    def with_first(**changed: Any) -> Ranking:
+        first = (("B", "t0"),)
+        runs = (replace(run, **changed) if (run.team, run.trial) in first else run for run in made.runs)
+        return replace(made, runs=tuple(runs))
 
     # At 9.1 the first trial may have been lost: of six wins five are left, which is 2/64.
-    assert pair(rank_statistics(replace(made, runs=runs), declared, DIGITS), "A", "B").told == told
+    opened = with_first(open=open_)
+    assert pair(rank_statistics(opened, declared, DIGITS), "A", "B").told == told
+    # A score that is withheld has the same ends: leaving it out would choose which runs are compared.
+    withheld = with_first(open=open_, outcome="undecided", score=None)
+    assert pair(rank_statistics(withheld, declared, DIGITS), "A", "B").told == told
+    # And stewards who decided it leave nothing open, whatever its automatic result says.
+    automatic = cast(Result, SimpleNamespace(interval=SimpleNamespace(least=Decimal(0), most=Decimal(99))))
+    assert pair(rank_statistics(with_first(result=automatic), declared, DIGITS), "A", "B").told == "A"
 
 
 def test_a_team_without_any_run_is_told_from_one_that_ran_but_not_by_runs_dealt_anew() -> None:

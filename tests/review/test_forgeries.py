@@ -166,7 +166,6 @@ FORGERIES = (
         "another log map",
         alone=False,
     ),
-    Forgery("whose run it is", put("measured/team", "us"), "recomputed", "$.measured.team", alone=False),
     Forgery(
         "the words of a finding",
         put("measured/findings/separation#1/message", "kept away"),
@@ -251,6 +250,21 @@ def test_forged_verdicts_priced_again_never_read_as_holding(
     assert main(["verify", str(file), "--output-format", "json"]) == 8
     data = json.loads(capsys.readouterr().out)
     assert (data["holds"], data["consistent"]) == (False, True)
+
+
+def test_whose_run_it_is_no_log_says_that_names_no_team(
+    stored: Path, tmp_path: Path, quick: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So an honest result of a competition is not called false by its own log, and a forged one not proven."""
+    file = tmp_path / "ours.json"
+    data = json.loads(stored.read_text(encoding="utf-8"))
+    put("measured/team", "us")(data)
+    file.write_text(rewritten(data), encoding="utf-8")
+
+    assert main(["verify", str(file), "--log", str(LOG)]) == 8
+    out = capsys.readouterr().out
+    assert "that it is kitting_near_miss of us is the word of the file alone" in out
+    assert out.endswith("consistent in itself; known from the file alone: run\n")
 
 
 def test_rules_that_nobody_else_knows_are_not_proven_even_with_the_log(

@@ -15,6 +15,7 @@ from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.publication import Publication
 from ariac_score.ranking.rank import OUTCOMES, Stewarded, TeamRank
+from ariac_score.ranking.selection import Selection
 from ariac_score.ranking.violations import Tally
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.results.result import canonical
@@ -112,6 +113,8 @@ def tables_of(
         tables.append(_decisions(publication.ranking.stewarded))
     if publication.final_statistics is not None:
         tables += [_chances(publication), _pairs(publication), _groups(publication)]
+        if publication.final_statistics.selection:
+            tables.append(_selection(publication.final_statistics.selection))
     if tallies is not None:
         tables.append(_violations(publication, tallies))
     if sensitivity is not None:
@@ -390,6 +393,31 @@ def _groups(publication: Publication) -> Table:
         (group.label, team) for group in publication.final_statistics.groups for team in group.teams
     ]
     return Table("groups", "Groups of teams that cannot be told apart", ("group", "team"), tuple(rows))
+
+
+def _selection(selection: Sequence[Selection]) -> Table:
+    columns = (
+        "team",
+        "published",
+        *(f"{what}_{end}" for what in _CHOSEN for end in ("least", "most", "rank")),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            own.team,
+            own.published,
+            own.alike.least,
+            own.alike.most,
+            own.alike_rank,
+            own.single.least,
+            own.single.most,
+            own.single_rank,
+        )
+        for own in selection
+    ]
+    return Table("selection", "What choosing the best runs does", columns, tuple(rows))
+
+
+_CHOSEN = ("alike", "single")
 
 
 def _violations(publication: Publication, tallies: Sequence[Tally]) -> Table:

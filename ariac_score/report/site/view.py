@@ -13,7 +13,8 @@ from typing import ClassVar
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank, remarks_on_team
+from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Clause, Tally
 from ariac_score.report.html.wording import file_name
@@ -128,11 +129,17 @@ class View:
     what_if: WhatIfView | None = None
 
     @property
+    def remarks(self) -> tuple[tuple[str, str], ...]:
+        """What to know of teams, with their names."""
+        return tuple((s.name, remark) for s in self.ranking.standings for remark in remarks_on_team(s))
+
+    @property
     def priced(self) -> bool:
         """Whether the score of any run depends on a check of safety."""
         return any(row.conduct.priced for row in self.rows if row.conduct)
 
     most_in_pairs: ClassVar[int] = MOST_TEAMS_IN_PAIRS
+    what_choosing_does: ClassVar[str] = WHAT_CHOOSING_DOES
 
     @property
     def columns(self) -> tuple[TeamRow, ...]:
