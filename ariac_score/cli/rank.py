@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
     spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
     if arguments.policy == "strict":
         return _strict(arguments, competition, rule_set, spec)
-    for words in _said_beforehand(competition, rule_set):
+    for words in said_beforehand(competition, rule_set):
         note(arguments, words)
     keys = keys_asked_for(signers_of(competition, rule_set.authority), str(arguments.public_key))
     refuse_unsigned_decisions(arguments.adjustments, competition, keys)
@@ -137,6 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
                 sketches=arguments.results is not None,
                 partial=bool(arguments.partial),
                 signed_by=keys,
+                remark=lambda words: note(arguments, words),
             )
     ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
     ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)
@@ -156,7 +157,7 @@ def run(arguments: argparse.Namespace) -> int:
     return exit_code(ranking, listed=arguments.output_format == "text")
 
 
-def _said_beforehand(competition: Competition, rule_set: RuleSet) -> Iterator[str]:
+def said_beforehand(competition: Competition, rule_set: RuleSet) -> Iterator[str]:
     """What a reader of the ranking should know of its runs."""
     stored = sum(run.path.suffix == ".json" for run in competition.runs)
     if stored:

@@ -10,7 +10,13 @@ from tempfile import TemporaryDirectory
 
 from ariac_score.cli.notes import counted, is_quiet, note
 from ariac_score.cli.partial import add_partial
-from ariac_score.cli.rank import adjusted_by_stewards, evaluation_of, exit_code, refuse_unsigned_decisions
+from ariac_score.cli.rank import (
+    adjusted_by_stewards,
+    evaluation_of,
+    exit_code,
+    refuse_unsigned_decisions,
+    said_beforehand,
+)
 from ariac_score.errors import RuleSetError, ScoreError, UsageError
 from ariac_score.ranking.compare import differences
 from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for, signers_of
@@ -101,6 +107,8 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
     if not competition.runs and not competition.refused:
         words = "no run was found, so the site has no ranks yet: 'rank' says where runs are looked for"
         note(arguments, words)
+    for words in said_beforehand(competition, rule_set):
+        note(arguments, words)
     keys = signers_of(competition, rule_set.authority)
     refuse_unsigned_decisions(arguments.adjustments, competition, keys)
     previous = _previous(arguments)
@@ -113,6 +121,7 @@ def site_of_competition(arguments: argparse.Namespace) -> int:
             sketches=True,
             partial=bool(arguments.partial),
             signed_by=keys,
+            remark=lambda words: note(arguments, words),
         )
     ranked = rank_results(competition, spec, rule_set, results, partial=bool(arguments.partial))
     ranking = adjusted_by_stewards(arguments.adjustments, competition, spec, rule_set, ranked)

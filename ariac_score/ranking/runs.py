@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ariac_score.checks.registry import Registry
+from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
-from ariac_score.errors import ResultError, ScoreError
+from ariac_score.errors import PluginError, ResultError, ScoreError
 from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for, work_by_of
-from ariac_score.results.result import Pinned, Result
+from ariac_score.results.result import Code, Pinned, Result
 from ariac_score.results.result_file import (
     check_follows,
     check_rules,
@@ -30,6 +30,10 @@ def _silent(_done: int, _run: Run) -> None:
     """Show nothing."""
 
 
+def _ignored(_words: str) -> None:
+    """Say nothing."""
+
+
 def score_runs(
     competition: Competition,
     rule_set: RuleSet,
@@ -39,6 +43,7 @@ def score_runs(
     sketches: bool = False,
     partial: bool = False,
     signed_by: Sequence[str] = (),
+    remark: Callable[[str], None] = _ignored,
 ) -> dict[RunKey, Result | ScoreError]:
     """Each run's result, or why there is none.
 
@@ -53,6 +58,7 @@ def score_runs(
             that a season takes.
         partial: Whether logs that are cut off are scored as far as they go, unofficially.
         signed_by: Keys one of which must have signed a run that is a stored result.
+        remark: Called with what a reader must know of stored results: they are of other rules or code.
 
     Raises:
         ResultError: Stored results were made under different rule sets: one may have judged
@@ -67,6 +73,7 @@ def score_runs(
     work_by = work_by_of(competition, rule_set.authority)
     results: dict[RunKey, Result | ScoreError] = {}
     made_under: dict[Pinned, Run] = {}
+    made_by: set[Code] = set()
     for done, run in enumerate(competition.runs):
         progress(done, run)
         also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
@@ -79,6 +86,7 @@ def score_runs(
                         "it is signed, and names no team", file=run.path, hint="score it as a run of a team"
                     )
                 made_under.setdefault(stored.provenance.rule_set, run)
+                made_by.update(stored.provenance.code)
                 result = _priced(stored, rule_set, run.path)
             else:
                 made_under.setdefault(Pinned(rule_set.id, rule_set.sha256), run)
@@ -98,7 +106,36 @@ def score_runs(
             results[run.key] = _within(error, competition.root)
         # After each run and outside the try: this is a fault of the competition, not of one run.
         _refuse_different_rules(made_under)
+    for words in (*_other_rules(made_under, rule_set), *_other_code(made_by)):
+        remark(words)
     return results
+
+
+def _other_rules(made_under: Mapping[Pinned, Run], rule_set: RuleSet) -> Iterator[str]:
+    for stated in made_under:
+        if stated.id == rule_set.id and stated.sha256 != rule_set.sha256:
+            yield (
+                f"stored results state another {stated.id}, SHA-256 {stated.sha256[:12]}…, than they are "
+                f"priced by here, {rule_set.sha256[:12]}…"
+            )
+
+
+def _other_code(made_by: Collection[Code]) -> Iterator[str]:
+    """The packages that made stored results and are not those that are installed here."""
+    others = []
+    for code in sorted(made_by, key=lambda code: (code.distribution, code.package, code.sha256)):
+        try:
+            here = package_sha256(code.package)
+        # ValueError and ImportError: names that are no importable package here.
+        except (PluginError, ValueError, ImportError):
+            here = ""
+        if here != code.sha256:
+            others.append(f"{code.package} of {code.distribution} {code.version}, {code.sha256[:12]}…")
+    if others:
+        yield (
+            f"stored results were made by other code than is installed here: {'; '.join(others[:3])}"
+            f"{f' and {len(others) - 3} more' if len(others) > 3 else ''}"
+        )
 
 
 def _within(error: ScoreError, root: Path) -> ScoreError:

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from ariac_score.cli import main
-from ariac_score.cli.rank import _said_beforehand
+from ariac_score.cli.rank import said_beforehand
 from ariac_score.ranking.competition import load_competition
-from ariac_score.scoring.ruleset import load_rule_set
+from ariac_score.scoring.ruleset import load_rule_set, rule_set_from_text
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score.testing.stored import rewritten
 from ariac_score_ariac.testing import kitting_trial
 
 
@@ -33,7 +34,7 @@ def test_unequal_numbers_of_runs_without_a_declared_policy_are_said(
     text = f"id: cup\nrules: paper2020.published\nruns: '{{team}}/{{trial}}_{{run}}'\n{more}\n"
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
 
-    found = list(_said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published")))
+    found = list(said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published")))
 
     assert [words[: len(begin)] for words, begin in zip(found, said, strict=True)] == said
 
@@ -66,6 +67,31 @@ def test_stored_results_are_said_not_to_be_compared_with_their_logs(tmp_path: Pa
     text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.json'}"
     (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
 
-    (words,) = _said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published"))
+    (words,) = said_beforehand(load_competition(tmp_path), load_rule_set("paper2020.published"))
 
     assert words.startswith("1 of 1 runs are stored results")
+
+
+def test_stored_results_of_other_rules_or_other_code_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are priced by the rules that are installed; what measured them is their own word."""
+    example = Path(__file__).parents[2] / "tests/data/as_published/kitting_near_miss.result.json"
+    result = json.loads(example.read_text(encoding="utf-8"))
+    code = {"distribution": "ariac-score", "version": "0.0.9", "package": "ariac_score", "sha256": "1" * 64}
+    result["provenance"]["code"] = [code]
+    result["rules"] += "# with a word more\n"
+    own = rule_set_from_text(result["rules"], file="edited")
+    result["provenance"]["rule_set"]["sha256"] = own.sha256
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/kitting_near_miss_1.json").write_text(rewritten(result), encoding="utf-8")
+    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.json', ranking: {keep: 1}}"
+    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+
+    assert main(["rank", str(tmp_path)]) == 0
+
+    said = capsys.readouterr().err
+    assert f"stored results state another paper2020.published, SHA-256 {own.sha256[:12]}…, than" in said
+    assert (
+        "made by other code than is installed here: ariac_score of ariac-score 0.0.9, 111111111111…" in said
+    )

@@ -62,13 +62,10 @@ def test_the_best_of_five_is_shown_beside_the_best_of_one_of_each() -> None:
     # Worked cases R9 and R10: 9 7 6 5 4 against a single 8. Of one run the five bring 6.2 in the mean.
     teams = found({"five": [[5, 9, 4, 7, 6]], "one": [[8]]})
 
-    assert (teams["five"].published, teams["five"].alike, teams["five"].single) == (
-        9,
-        ends("6.2"),
-        ends("6.2"),
-    )
-    assert (teams["one"].published, teams["one"].alike, teams["one"].single) == (8, ends("8"), ends("8"))
-    assert [(t.alike_rank, t.single_rank) for t in (teams["five"], teams["one"])] == [(2, 2), (1, 1)]
+    five, one = teams["five"], teams["one"]
+    assert (five.published, five.alike, five.single) == (9, ends("6.2"), ends("6.2"))
+    assert (one.published, one.alike, one.single) == (8, ends("8"), ends("8"))
+    assert [(t.alike_rank, t.single_rank) for t in (five, one)] == [(2, 2), (1, 1)]
 
 
 def test_like_with_like_is_as_many_runs_as_the_fewest_in_that_trial() -> None:

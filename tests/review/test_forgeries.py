@@ -255,7 +255,7 @@ def test_forged_verdicts_priced_again_never_read_as_holding(
 def test_whose_run_it_is_no_log_says_that_names_no_team(
     stored: Path, tmp_path: Path, quick: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """So an honest result of a competition is not called false by its own log, and a forged one not proven."""
+    """So its own log does not call an honest result of a competition false, and proves no forged one."""
     file = tmp_path / "ours.json"
     data = json.loads(stored.read_text(encoding="utf-8"))
     put("measured/team", "us")(data)
