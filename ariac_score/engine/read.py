@@ -40,6 +40,7 @@ __all__ = [
     "MOTION_RULES",
     "built_of",
     "call_hook",
+    "competition_in",
     "competition_of",
     "find_run",
     "find_trial",
@@ -351,8 +352,7 @@ def read_needed(
         progress=progress,
         jobs=jobs,
         work=prepared.rule_set.about_work if work is None else work,
-        competition=competition_of(prepared.log_map, prepared.registry, prepared.rule_set.competition)
-        or prepared.competition,
+        competition=competition_in(prepared),
         partial=partial,
     )
     trial = with_window(trial, prepared.rule_set.authority.window)
@@ -362,6 +362,12 @@ def read_needed(
         plugin, schemas = prepared.fact_schemas
         refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)
     return trial
+
+
+def competition_in(prepared: Prepared) -> PreparedCheck | None:
+    """The competition whose logs are read: as the log map and the rule set together have it."""
+    named = prepared.rule_set.competition
+    return competition_of(prepared.log_map, prepared.registry, named) or prepared.competition
 
 
 def plugins_of_log_map(log_map: LogMap, registry: Registry) -> tuple[dict[str, Decoder], TrackReader | None]:

@@ -22,6 +22,7 @@ from ariac_score.engine.price import price_trial
 from ariac_score.engine.provenance import hashing_files, provenance_of, refuse_other_contents
 from ariac_score.engine.read import (
     Progress,
+    competition_in,
     find_run,
     find_trial,
     no_progress,
@@ -85,6 +86,7 @@ def open_trial(
         registry,
         quantities=[*QUANTITIES, *mapping.quantities, *needed],
         work=False,
+        competition=None if prepared is None else competition_in(prepared),
     )
     if prepared is None and not instead and not trial.sampled:
         _refuse_topics(bundle, readers)

@@ -27,6 +27,7 @@ from ariac_score_aic.transforms import (
 __all__ = [
     "Feed",
     "Poses",
+    "asks_for_latest",
     "at_every_stamp",
     "distinct",
     "final_buffer",
@@ -38,6 +39,9 @@ __all__ = [
     "taken",
     "with_link",
 ]
+
+_LAST_BITS = 1e-15
+"""A norm that differs from 1 by less has lost no digit."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +83,23 @@ def _heard(transforms: Transforms, feed: Feed) -> NDArray[np.bool_]:
 
 
 def taken(transforms: Transforms, feed: Feed) -> Transforms:
-    """The transforms that tf2 takes of the topics that the scorer hears."""
+    """The transforms that tf2 takes of the topics that the scorer hears, with quaternions of norm 1.
+
+    Source: ros2/geometry2, `buffer_core.cpp`: what is taken has become a matrix and a quaternion again.
+    """
     heard = _heard(transforms, feed)
     named = np.array([bool(name) for name in transforms.names] or [False])
     norms = (transforms.rows[:, 3:] ** 2).sum(axis=1)
     sound = ~np.isnan(transforms.rows).any(axis=1) & (np.abs(norms - 1.0) < NORM_TOLERANCE)
     apart = transforms.parent != transforms.child
-    return _picked(transforms, heard & sound & apart & named[transforms.parent] & named[transforms.child])
+    kept = heard & sound & apart & named[transforms.parent] & named[transforms.child]
+    picked, lengths = _picked(transforms, kept), np.sqrt(norms[kept])
+    off = np.abs(lengths - 1.0) > _LAST_BITS
+    if off.any():
+        rows = picked.rows.copy()
+        rows[off, 3:] /= lengths[off, np.newaxis]
+        picked = replace(picked, rows=rows)
+    return picked
 
 
 def relevant(transforms: Transforms, frames: Iterable[str]) -> Transforms:
@@ -439,11 +453,21 @@ def lengths_m(position_m: FloatArray) -> FloatArray:
 
 def stamps_asked(transforms: Transforms, feed: Feed) -> IntArray:
     """The stamps at which the scorer asked until February 23: all of moving topics but 0, each once."""
+    asked = distinct(_moving_stamps(transforms, feed))
+    found: IntArray = asked[asked != 0]
+    return found
+
+
+def asks_for_latest(transforms: Transforms, feed: Feed) -> bool:
+    """Whether a moving topic has a stamp of 0, which a buffer takes for the latest time."""
+    return bool((_moving_stamps(transforms, feed) == 0).any())
+
+
+def _moving_stamps(transforms: Transforms, feed: Feed) -> IntArray:
     heard = np.array(
         [t in feed.topics and t not in (TF_STATIC, SCORING_STATIC) for t in transforms.topics] or [False]
     )
-    asked = distinct(transforms.stamp_ns[heard[transforms.topic]])
-    found: IntArray = asked[asked != 0]
+    found: IntArray = transforms.stamp_ns[heard[transforms.topic]]
     return found
 
 

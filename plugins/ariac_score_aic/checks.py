@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from ariac_score import (
 from ariac_score_aic import charts
 from ariac_score_aic.consumption import Consumed, consumed_of
 from ariac_score_aic.jerk import MeanJerk, jerk_of_poses
-from ariac_score_aic.messages import CONTACTS, IntArray
+from ariac_score_aic.messages import CONTACTS, IntArray, seconds_of
 
 __all__ = ["Contacts", "ForceTime", "PathLength", "PolynomialJerk", "PoseJerk", "TaskTime"]
 
@@ -189,7 +189,7 @@ class ForceTime:
         steps = t_s[above] - t_s[above - 1]
         # One after the other, as the scorer adds: the last bits of a second decide.
         total_s = float(np.cumsum(steps)[-1]) if len(steps) else 0.0
-        peak_n = float(force_n[1:].max()) if len(force_n) > 1 and not np.isnan(force_n[1:]).any() else 0.0
+        peak_n = float(np.fmax.reduce(force_n[1:], initial=0.0))  # what is no number is never larger
         return total_s, peak_n, above
 
 
@@ -385,6 +385,7 @@ class PoseJerk:
     Attributes:
         average: Whether jerks are averaged as vectors or by their magnitudes.
         gate_m_s: With magnitudes, what is not faster than this does not count.
+        unseen: What too few poses mean: no jerk to give points for (none), or a tool that stands still (still).
     Source:
         `ScoringTier2.cc` at 15839f2e1 (mean of vectors) and e0a428b3a (mean of magnitudes).
     """
@@ -395,6 +396,9 @@ class PoseJerk:
 
     average: Literal["vectors", "magnitudes"] = parameter("magnitudes", source="PR 284")
     gate_m_s: float = parameter(0.01, unit="m/s", at_least=0, at_most=10, source="PR 284")
+    unseen: Literal["none", "still"] = parameter(
+        "none", source="until PR 334 the mean began at 0 and stayed there without four poses"
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -406,9 +410,14 @@ class PoseJerk:
             yield Finding.inconclusive(item.id, NO_RECORDING)
             return
         poses = consumed.poses
-        found = jerk_of_poses(
-            poses.stamp_ns / 1e9, poses.position_m, average=self.average, gate_m_s=self.gate_m_s
-        )
+        t_s, position_m = seconds_of(poses.stamp_ns), poses.position_m
+        if not consumed.how.poses_while_reading and len(t_s):
+            # What is not later than all before was left out.
+            later = np.concatenate(([True], t_s[1:] > np.maximum.accumulate(t_s)[:-1]))
+            t_s, position_m = t_s[later], position_m[later]
+        found = jerk_of_poses(t_s, position_m, average=self.average, gate_m_s=self.gate_m_s)
+        if found.value_m_s3 is None and self.unseen == "still":
+            found = replace(found, value_m_s3=0.0)
         yield _of_jerk(item, found, undecided=False)
 
 

@@ -41,11 +41,12 @@ class Aic:
 
     Attributes:
         gripper_frame: The frame whose path is measured; a parameter of the engine.
-        reference_frame: The frame that everything is measured in.
+        reference_frame: The frame that plugs and ports are measured in.
+        tool_reference_frame: The frame that the path of the gripper is measured in.
         board: Whether frames of the task board hold at all times whatever topic they came on.
         poses: When poses of the gripper are asked for.
         end_distance: At which time the plug's place counts.
-        start_distance: At which time the first distance is taken.
+        start_distance: At which time the first distance is taken: the start of the task, or the first stamp.
         wrench_topic: Where the forces are.
         tare: Whether the offset that the controller states is taken from them.
         scoring_static: Whether `/scoring/tf_static` is heard.
@@ -58,6 +59,7 @@ class Aic:
 
     gripper_frame: str = parameter("gripper/tcp", source="aic_engine.cpp, line 309")
     reference_frame: str = parameter("aic_world", source="ScoringTier2.cc")
+    tool_reference_frame: str = parameter("aic_world", source="ScoringTier2.cc; 'root' since PR 552")
     board: Literal["static", "as_sent"] = parameter("static", source="PR 405")
     poses: Literal["while_reading", "at_every_stamp"] = parameter("while_reading", source="PR 334")
     end_distance: Literal["at_end", "latest"] = parameter("at_end", source="PR 218")
@@ -101,6 +103,7 @@ class Aic:
         return Consumption(
             self.gripper_frame,
             self.reference_frame,
+            self.tool_reference_frame,
             self.board == "static",
             self.poses == "while_reading",
             self.end_distance == "at_end",

@@ -13,6 +13,7 @@ from ariac_score import FloatArray, Record, Trial
 from ariac_score_aic.chains import (
     Feed,
     Poses,
+    asks_for_latest,
     at_every_stamp,
     distinct,
     final_buffer,
@@ -32,11 +33,12 @@ from ariac_score_aic.messages import (
     IntArray,
     Transforms,
     Wrenches,
+    seconds_of,
 )
 from ariac_score_aic.run_config import Connection
 from ariac_score_aic.task_times import TaskTimes
 from ariac_score_aic.time_bounds import Between, TimeBounds, bounds_of, span_ns
-from ariac_score_aic.transforms import TransformBuffer, conjugate, turned
+from ariac_score_aic.transforms import TransformBuffer
 
 __all__ = ["Consumed", "Consumption", "Plug", "consumed_of"]
 
@@ -57,6 +59,7 @@ class Consumption:
 
     gripper_frame: str
     reference_frame: str
+    tool_reference_frame: str
     board_is_static: bool
     poses_while_reading: bool
     ends_at_end: bool
@@ -126,8 +129,9 @@ class Consumed(Record):
         """How its transforms are taken."""
         part = "task_board" if self.how.board_is_static else ""
         static = (SCORING_STATIC,) if self.how.scoring_static else ()
+        fixed = () if self.how.both_ends else (TF_STATIC,)  # phase 1 hears its own topic alone
         buffer_ns = round((self.longest_limit_s + _MARGIN_S) * 1e9)
-        return Feed(buffer_ns, part, (TF, TF_STATIC, SCORING_TF, *static))
+        return Feed(buffer_ns, part, (TF, *fixed, SCORING_TF, *static))
 
     @cached_property
     def bounds(self) -> TimeBounds:
@@ -151,7 +155,8 @@ class Consumed(Record):
     def buffer(self) -> TransformBuffer:
         """The transforms after all is read."""
         wanted = [name for connection in self.connections for name in self.frames_of(connection)]
-        names = (*wanted, self.how.gripper_frame, self.how.reference_frame, "world")
+        how = self.how
+        names = (*wanted, how.gripper_frame, how.reference_frame, how.tool_reference_frame, "world")
         return final_buffer(self.linked, self.feed, names)
 
     @cached_property
@@ -170,12 +175,26 @@ class Consumed(Record):
         return stamps_asked(self.messages.transforms, self.feed)
 
     @cached_property
+    def asks_for_latest(self) -> bool:
+        """Whether a transform of a moving tf topic is stamped 0."""
+        return asks_for_latest(self.messages.transforms, self.feed)
+
+    @cached_property
     def poses(self) -> Poses:
         """The poses of the gripper in the order in which they were appended."""
-        target, source = self.how.reference_frame, self.how.gripper_frame
+        target, source = self.how.tool_reference_frame, self.how.gripper_frame
         if self.how.poses_while_reading:
             return poses_while_reading(self.messages.transforms, self.sound, self.feed, target, source)
-        return self.poses_after
+        if self.how.lookups_reversed:
+            target, source = source, target
+        found = at_every_stamp(self.asked_ns, self.linked, self.buffer, self.feed, target, source)
+        latest = self.buffer.lookup(target, source) if self.asks_for_latest else None
+        if latest is None:
+            return found
+        return Poses(
+            np.concatenate([[latest.stamp_ns], found.stamp_ns]),
+            np.concatenate([[latest.position_m], found.position_m]),
+        )
 
     @cached_property
     def poses_after(self) -> Poses:
@@ -206,10 +225,10 @@ class Consumed(Record):
     def velocities(self) -> tuple[FloatArray, FloatArray]:
         """The tool's velocities, those of repeated stamps once: s, shape (n,), and m/s, shape (n, 3)."""
         states = self.messages.controller
-        kept = np.concatenate(([True], np.diff(states.stamp_ns) != 0))[: len(states.stamp_ns)]
-        stamps = states.stamp_ns[kept]
         # As the scorer has them: its forces have stamps of another rounding.
-        return stamps // 10**9 + (stamps % 10**9) * 1e-9, states.velocity_m_s[kept]
+        t_s = seconds_of(states.stamp_ns)
+        kept = np.concatenate(([True], np.diff(t_s) != 0))[: len(t_s)]
+        return t_s[kept], states.velocity_m_s[kept]
 
     def jerk(self, window: int, gate_m_s: float) -> MeanJerk:
         """The tool's mean jerk by its velocities, worked out once for each window and gate."""
@@ -239,14 +258,11 @@ class Consumed(Record):
         return Plug(plug, port, entrance)
 
     def _position(self, frame: str, stamp_ns: int) -> Vector | None:
-        found = self.buffer.lookup(self.how.reference_frame, frame, stamp_ns)
-        if found is None:
-            return None
-        if not self.how.lookups_reversed:
-            return found.position_m
-        # Until PR 234 it took the reference in the frame for the frame in the reference.
-        x, y, z = found.position_m
-        return turned((-x, -y, -z), conjugate(found.turn_xyzw))
+        target, source = self.how.reference_frame, frame
+        if self.how.lookups_reversed:  # until PR 234 it took the reference in the frame for the opposite
+            target, source = source, target
+        found = self.buffer.lookup(target, source, stamp_ns)
+        return None if found is None else found.position_m
 
     def stamps_between(self, between: Between) -> list[int]:
         """The moments of a stretch at which transforms were stamped, with its ends; some of too many."""
@@ -257,10 +273,11 @@ class Consumed(Record):
         return sorted({first_ns, *inside[::step].tolist(), last_ns})
 
     def first_distance_m(self, connection: Connection) -> float | None:
-        """The earliest distance from plug to port that is had."""
-        stamps = np.unique(self.messages.transforms.stamp_ns)
-        found = (self.plug_at(connection, stamp).distance_m for stamp in stamps.tolist() if stamp)
-        return next((distance for distance in found if distance is not None), None)
+        """The distance from plug to port at the first stamp of a moving tf topic; `None`: not had."""
+        if not (self.asks_for_latest or len(self.asked_ns)):
+            return None
+        first_ns = 0 if self.asks_for_latest else int(self.asked_ns[0])
+        return self.plug_at(connection, first_ns).distance_m
 
     def trial_s(self, stamps_ns: Iterable[int]) -> list[float] | None:
         """Header stamps as times of the trial; `None` where one lies outside what was recorded."""

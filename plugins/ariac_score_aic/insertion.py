@@ -211,7 +211,7 @@ class Insertion:
             return
         times, connection = consumed.times, connection_of(consumed, item)
         if times.not_completed:
-            yield _found(item, "the task was not completed, so that nothing counts")
+            yield self._without_end(consumed, connection, item)
         elif connection is None:
             yield Finding.inconclusive(item.id, _NO_CONFIG)
         elif times.completed is None:
@@ -234,7 +234,7 @@ class Insertion:
     def _possible(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Iterator[Finding]:
         """What could be found if it were known when the task began and ended."""
         if not consumed.times.completed:
-            yield _found(item, "nothing shows that the task was completed")
+            yield self._without_end(consumed, connection, item)
         said = self._event(consumed, connection, item)
         if said is not None and not self.place_always:
             yield said
@@ -260,6 +260,10 @@ class Insertion:
         """Whether the plug is turned so that it can be in its port: as coded however it is."""
         return True
 
+    def _without_end(self, consumed: Consumed, connection: Connection | None, item: WorkItem) -> Finding:
+        said = self._event(consumed, connection, item) if self.place_always and connection else None
+        return said or _found(item, "the task was not completed, so that nothing counts")
+
     def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
         said = self._event(consumed, connection, item)
         if said is not None and not self.place_always:
@@ -269,6 +273,8 @@ class Insertion:
             return Finding.inconclusive(item.id, "no insertion event, and no file says when the task ended")
         plug = self.plug_at(consumed, connection, (times.end_ns or 0) if consumed.how.ends_at_end else 0)
         if self.place_always:
+            if not (consumed.asks_for_latest or len(consumed.asked_ns)):
+                plug = Plug(None, None, None)  # nothing that moves was heard of
             return self._by_place(item, plug, 0.0, said)
         start = start_distance_m(consumed, connection)
         if start is None and not self.fixed_radius_m:
@@ -283,7 +289,8 @@ class Insertion:
         """What the events say; `None` where they say nothing."""
         texts = consumed.messages.events.texts
         if self.event == "any":
-            return _found(item, "an insertion was reported", right_port=1.0) if any(texts) else None
+            reported = bool(texts and texts[-1])
+            return _found(item, "an insertion was reported", right_port=1.0) if reported else None
         if self.event == "ends":
             number = consumed.connections.index(connection)
             texts = tuple(_of_end(text, consumed.cable.encode(), number) for text in texts)
@@ -330,13 +337,18 @@ class Insertion:
 
 
 def _of_end(event: bytes, cable: bytes, number: int) -> bytes:
-    """What an event says of one end of a cable, such as `cable_1#0#/module/port`; empty of another one."""
-    parts = event.split(b"#", 2)
-    return (
-        parts[2]
-        if len(parts) == 3 and (parts[0], parts[1]) == (cable, str(number).encode()) and cable
-        else b""
-    )
+    """What an event says of one end of a cable; empty of another one, and of a text that is no such event.
+
+    Parts that are empty are dropped before each mark, as of module and port.
+
+    >>> _of_end(b"cable_1#0#/card/port", b"cable_1", 0), _of_end(b"cable_1#0#/card", b"cable_1", 0)
+    (b'/card/port', b'')
+    """
+    *before, last = event.split(b"#")
+    parts = [part for part in before if part] + [last]
+    if not cable or parts[:-1] != [cable, str(number).encode()] or port_named(last) is None:
+        return b""
+    return last
 
 
 def _worth(finding: Finding) -> tuple[float, float, float]:

@@ -28,6 +28,7 @@ __all__ = [
     "Texts",
     "Transforms",
     "Wrenches",
+    "seconds_of",
 ]
 
 IntArray = NDArray[np.int64]
@@ -43,6 +44,12 @@ LOG = "/rosout"
 COMMANDS = ("/aic_controller/pose_commands", "/aic_controller/joint_commands")
 
 NO_ROWS: IntArray = np.empty(0, dtype=np.int64)
+
+
+def seconds_of(stamps_ns: IntArray) -> FloatArray:
+    """Stamps as the scorer adds seconds and nanoseconds up; the last bits differ from a division."""
+    found: FloatArray = stamps_ns // 10**9 + (stamps_ns % 10**9) * 1e-9
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,18 @@ def made_trial() -> Trial:
 
 def _as_coded() -> Consumption:
     return Consumption(
-        "gripper/tcp", "aic_world", True, True, True, "at_start", False, WRENCHES[0], True, False, False
+        "gripper/tcp",
+        "aic_world",
+        "aic_world",
+        True,
+        True,
+        True,
+        "at_start",
+        False,
+        WRENCHES[0],
+        True,
+        False,
+        False,
     )
 
 

@@ -72,12 +72,11 @@ class DynamicFrame:
             if stamp_ns < oldest_ns:
                 return False
         place = bisect_right(stamps, stamp_ns)
-        if place and (stamps[place - 1], self.parents[place - 1], tuple(self.rows[place - 1])) == (
-            stamp_ns,
-            parent,
-            tuple(row),
-        ):
-            return True
+        same, numbers = place - 1, tuple(row)
+        while same >= 0 and stamps[same] == stamp_ns:  # an exact repetition is not stored again
+            if (self.parents[same], tuple(self.rows[same])) == (parent, numbers):
+                return True
+            same -= 1
         stamps.insert(place, stamp_ns)
         self.parents.insert(place, parent)
         self.rows.insert(place, row)
@@ -157,6 +156,8 @@ class TransformBuffer:
             upwards.append((stamp_ns, parent))
             if parent == target:
                 return _least(stamp for stamp, _ in upwards)
+        if len(upwards) > MAX_DEPTH:  # frames in a circle lead nowhere
+            return None
         passed = {parent for _, parent in upwards}
         seen: list[int] = []
         for stamp_ns, parent in self._climb(target):
@@ -179,14 +180,15 @@ class TransformBuffer:
         return found
 
     def _composed(self, target: str, source: str, stamp_ns: int) -> tuple[Vector, Quaternion] | None:
-        frame, passed = source, [source]
+        frame, depth = source, 0
         here: tuple[Vector, Quaternion] = _ORIGIN
-        while (step := self._step(frame, stamp_ns)) is not None and len(passed) <= MAX_DEPTH:
+        while (step := self._step(frame, stamp_ns)) is not None:
             if frame == target:
                 return here
             here = placed(here, step[1])
-            frame = step[0]
-            passed.append(frame)
+            frame, depth = step[0], depth + 1
+            if depth > MAX_DEPTH:
+                return None
         top, frame = frame, target
         there: tuple[Vector, Quaternion] = _ORIGIN
         for _ in range(MAX_DEPTH):

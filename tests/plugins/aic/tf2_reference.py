@@ -37,6 +37,8 @@ class Tf2:
             return
         if any(map(isnan, numbers)) or not abs(norm - 1) < 0.01:
             return
+        # A matrix is made of what is taken, and a quaternion of that, whose norm is 1.
+        sample = Sample(sample.stamp, sample.parent, sample.at, tuple(q / norm**0.5 for q in sample.turn))
         if static:
             self.moving.pop(child, None)
             self.still[child] = sample
@@ -52,7 +54,7 @@ class Tf2:
         place = 0
         while place < len(history) and history[place].stamp > sample.stamp:
             place += 1
-        if place < len(history) and history[place] == sample:
+        if any(known == sample for known in history[place:] if known.stamp == sample.stamp):
             return
         history.insert(place, sample)
 
@@ -127,7 +129,6 @@ class Tf2:
 def matrix(sample: Sample) -> Matrix:
     x, y, z, w = sample.turn
     found = np.eye(4)
-    # Of quaternions whose norm is not 1, too, as q v q*.
     found[:3, :3] = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
@@ -138,7 +139,6 @@ def matrix(sample: Sample) -> Matrix:
 
 
 def inverse(found: Matrix) -> Matrix:
-    """What tf2 takes for it: by the conjugate quaternion, which is exact for norm 1 alone."""
     back = np.eye(4)
     back[:3, :3] = found[:3, :3].T
     back[:3, 3] = -back[:3, :3] @ found[:3, 3]
