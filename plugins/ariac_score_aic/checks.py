@@ -385,7 +385,7 @@ class PoseJerk:
     Attributes:
         average: Whether jerks are averaged as vectors or by their magnitudes.
         gate_m_s: With magnitudes, what is not faster than this does not count.
-        unseen: What too few poses mean: no jerk to give points for (none), or a tool that stands still (still).
+        unseen: What too few poses mean: no jerk to give points for (none), or a tool at rest (still).
     Source:
         `ScoringTier2.cc` at 15839f2e1 (mean of vectors) and e0a428b3a (mean of magnitudes).
     """

@@ -21,7 +21,7 @@ from ariac_score import (
 )
 from ariac_score_aic.checks import NO_RECORDING
 from ariac_score_aic.consumption import Consumed, consumed_of
-from ariac_score_aic.messages import COMMANDS, AicMessages, Wrenches, seconds_of
+from ariac_score_aic.messages import COMMANDS, WRENCHES, AicMessages, Wrenches, seconds_of
 
 __all__ = ["EndForce", "FinalsForce", "Insertions", "insertions_of"]
 
@@ -72,7 +72,9 @@ class EndForce:
 
 
 def insertions_of(messages: AicMessages) -> Insertions:
-    """Where the stretches begin, by what the log says."""
+    """Where the stretches begin, by what the log says; without any force the scorer looks at none."""
+    if not len(messages.wrenches.get(WRENCHES[0], Wrenches()).order):
+        return Insertions((), by_switch=False)
     for number, mark in enumerate(_MARKS):
         rows = [i for i, text in enumerate(messages.log.texts) if mark in text]
         starts: list[float] = []
