@@ -130,10 +130,11 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     elif (parts := task_and_safety(result)) is not None and parts.has_safety:
         ours, whose = parts.task, "our task score"
     printed = official.items.get("final_score", "") if official is not None else ""
-    same = ours is not None and abs(ours - Decimal(repr(total))) <= _half_a_digit(printed)
+    allowed = max(_half_a_digit(printed), _LAST_OF_OURS)
+    same = ours is not None and abs(ours - Decimal(repr(total))) <= allowed
     words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
     if same and ours != Decimal(repr(total)):
-        words += ", to the digits that are printed"
+        words += ", to the digits that " + ("are printed" if allowed > _LAST_OF_OURS else "count here")
     if not same and result.interval is not None:
         words = f"{whose} is open, so nothing says whether it is the same"
     if ours is None:
@@ -142,6 +143,10 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     if official is not None and official.process_time_s:
         own = f"; from this log {result.measured.window.duration_s:.3f} s" if result.measured.window else ""
         yield style(f"official process time {official.process_time_s:g} s{own}", "dim")
+
+
+_LAST_OF_OURS = Decimal("1e-9")
+"""Measured numbers have 12 digits, so that the last of a score with more than nine decimals are not ours."""
 
 
 def _half_a_digit(printed: str) -> Decimal:

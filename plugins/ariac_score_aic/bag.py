@@ -23,6 +23,7 @@ from ariac_score import (
     Wanted,
     read_columns,
 )
+from ariac_score_aic.chains import refused_rows
 from ariac_score_aic.messages import (
     ACTIVATED,
     COMMANDS,
@@ -72,6 +73,8 @@ _MARKS = (
 )
 """A recording that has one of these is one of the engine or of the finals."""
 _SNIFFED_BYTES = 1 << 18
+_SHOWN = 3
+"""So many frames are named."""
 
 
 class AicBagReader:
@@ -392,6 +395,18 @@ def _defects(messages: AicMessages) -> Iterable[LogDefect]:
             messages.repeats,
             f"each message is recorded {messages.repeats} times, as in those of later trials of a run; "
             "they count as the scorer counts them",
+        )
+    refused = refused_rows(messages.transforms)
+    if refused.any():
+        frames = sorted({messages.transforms.names[code] for code in messages.transforms.child[refused].tolist()})
+        shown = ", ".join(name or "(no name)" for name in frames[:_SHOWN])
+        more = f" and {len(frames) - _SHOWN} more" if len(frames) > _SHOWN else ""
+        yield LogDefect(
+            "refused_transforms",
+            messages.name,
+            int(refused.sum()),
+            f"tf2 refuses transforms of {shown}{more}: a quaternion whose norm is not 1, a number that is none, "
+            "or a frame without a name or below itself; they do not count",
         )
     if CONTROLLER not in messages.topics:
         yield LogDefect(

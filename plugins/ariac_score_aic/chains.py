@@ -34,6 +34,7 @@ __all__ = [
     "first_of_each",
     "lengths_m",
     "poses_while_reading",
+    "refused_rows",
     "replayed",
     "stamps_asked",
     "taken",
@@ -82,18 +83,24 @@ def _heard(transforms: Transforms, feed: Feed) -> NDArray[np.bool_]:
     return found
 
 
+def refused_rows(transforms: Transforms) -> NDArray[np.bool_]:
+    """Which transforms tf2 refuses, whoever hears them."""
+    named = np.array([bool(name) for name in transforms.names] or [False])
+    norms = (transforms.rows[:, 3:] ** 2).sum(axis=1)
+    sound = ~np.isnan(transforms.rows).any(axis=1) & (np.abs(norms - 1.0) < NORM_TOLERANCE)
+    apart = transforms.parent != transforms.child
+    refused: NDArray[np.bool_] = ~(sound & apart & named[transforms.parent] & named[transforms.child])
+    return refused
+
+
 def taken(transforms: Transforms, feed: Feed) -> Transforms:
     """The transforms that tf2 takes of the topics that the scorer hears, with quaternions of norm 1.
 
     Source: ros2/geometry2, `buffer_core.cpp`: what is taken has become a matrix and a quaternion again.
     """
-    heard = _heard(transforms, feed)
-    named = np.array([bool(name) for name in transforms.names] or [False])
-    norms = (transforms.rows[:, 3:] ** 2).sum(axis=1)
-    sound = ~np.isnan(transforms.rows).any(axis=1) & (np.abs(norms - 1.0) < NORM_TOLERANCE)
-    apart = transforms.parent != transforms.child
-    kept = heard & sound & apart & named[transforms.parent] & named[transforms.child]
-    picked, lengths = _picked(transforms, kept), np.sqrt(norms[kept])
+    kept = _heard(transforms, feed) & ~refused_rows(transforms)
+    norms = (transforms.rows[kept, 3:] ** 2).sum(axis=1)
+    picked, lengths = _picked(transforms, kept), np.sqrt(norms)
     off = np.abs(lengths - 1.0) > _LAST_BITS
     if off.any():
         rows = picked.rows.copy()
