@@ -127,7 +127,8 @@ def _strictly(
         only: The checks that can; all where none are given.
         same: The quantities that stay as they are.
     """
-    missing, because = [], []
+    missing: list[str] = []
+    because: list[str] = []
     for check in subject.world.safety:
         if only is not None and check not in only:
             continue
