@@ -15,6 +15,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from live_servers import recorded, sending
+from test_dds import cell as dds_cell
 from test_foxglove import bridge
 from test_rosbridge import stand_in
 from test_zenoh import _key, cell
@@ -38,12 +39,20 @@ def _zenoh(servers: ExitStack) -> Any:
     return one
 
 
+def _dds(servers: ExitStack) -> Any:
+    one = servers.enter_context(dds_cell())
+    one.offer_all(recorded())
+    return one
+
+
 def _rosbridge(servers: ExitStack) -> Any:
     return servers.enter_context(stand_in())
 
 
 @pytest.mark.parametrize("end", ["Ctrl-C", "the source is gone"])
-@pytest.mark.parametrize("serve", [_foxglove, _rosbridge, _zenoh], ids=["foxglove", "rosbridge", "zenoh"])
+@pytest.mark.parametrize(
+    "serve", [_foxglove, _rosbridge, _zenoh, _dds], ids=["foxglove", "rosbridge", "zenoh", "dds"]
+)
 def test_watch_ends_with_what_score_says(serve: Callable[[ExitStack], Any], end: str, tmp_path: Path) -> None:
     seen, watched, scored = (tmp_path / name for name in ("seen.mcap", "watched.json", "scored.json"))
     rules = ("--rules", "paper2020")
