@@ -99,7 +99,7 @@ def run() -> None:
         topic = said.get("topic", "")
         if said["do"] == "offer":
             policies = [
-                Policy.Reliability.Reliable(10**9) if said["reliable"] else Policy.Reliability.BestEffort,
+                Policy.Reliability.Reliable(10**11) if said["reliable"] else Policy.Reliability.BestEffort,
                 Policy.Durability.TransientLocal if said["latched"] else Policy.Durability.Volatile,
                 Policy.History.KeepLast(said["keeps"]),
             ]

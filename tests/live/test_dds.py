@@ -55,7 +55,7 @@ class Cell:
     """A process that publishes what it is told to."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
-        self.process, self._lock = process, threading.Lock()
+        self.process, self._lock, self._offered = process, threading.Lock(), set[str]()
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
         self.address = f"dds://127.0.0.1?domain={DOMAIN}"
@@ -76,13 +76,17 @@ class Cell:
         self.do("offer", topic=topic, type=type_, **offered)
 
     def offer_all(self, messages: list[Message]) -> None:
-        """Publish every topic of a recording."""
+        """Publish the topics of a recording whose definitions are those of today."""
         store = bundled_typestore(2)
-        for topic, type_ in {one.connection.topic: one.connection.type for one in messages}.items():
-            self.offer(topic, type_, keeps=1000, hash=store.hash_rihs01(type_))
+        for one in {message.connection for message in messages}:
+            if store.generate_msgdef(one.type, ros_version=2)[0].strip() == one.definition.strip():
+                self.offer(one.topic, one.type, keeps=1000, hash=store.hash_rihs01(one.type))
+                self._offered.add(one.topic)
 
     def send(self, message: Message) -> None:
-        """Publish a message of a recording."""
+        """Publish a message of a recording, if its topic is offered."""
+        if message.connection.topic not in self._offered:
+            return
         raw = base64.b64encode(bytes(message.payload)).decode()
         self.do("bytes", topic=message.connection.topic, raw=raw)
 
