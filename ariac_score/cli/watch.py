@@ -121,25 +121,25 @@ def _watch(
         watch = Watch(source, prepared, record, also=arguments.trial_config, settings=settings, told=told)
         if feed is not None:
             feed.gone = lambda: watch.stop("whoever shows it is gone")
-        try:
-            with _stopped_by_signals(watch):
+        with stopped_by_signals(watch):
+            try:
                 result = watch.run()
-        except ScoreError as error:
-            if arguments.record and record.is_file():
-                error.hint = f"{error.hint}; what was seen is in {record}"
-            raise
-        finally:
-            line.end()
-            if feed is not None:
-                feed.end()
-        of = f"{name}: " if name else ""
-        note(arguments, f"{of}ended: {watch.state.ended}")
-        if arguments.record:
-            note(arguments, f"{of}recorded: {record}")
-    if name:
-        note(arguments, f"{of}{status_text(watch.state)}")
-        return exit_code_of(result, failed_criteria(result, arguments.fail_on))
-    return show(result, arguments)
+            except ScoreError as error:
+                if arguments.record and record.is_file():
+                    error.hint = f"{error.hint}; what was seen is in {record}"
+                raise
+            finally:
+                line.end()
+                if feed is not None:
+                    feed.end()
+            of = f"{name}: " if name else ""
+            note(arguments, f"{of}ended: {watch.state.ended}")
+            if arguments.record:
+                note(arguments, f"{of}recorded: {record}")
+            if name:
+                note(arguments, f"{of}{status_text(watch.state)}")
+                return exit_code_of(result, failed_criteria(result, arguments.fail_on))
+            return show(result, arguments)
 
 
 @contextmanager
@@ -156,12 +156,18 @@ def _record_of(arguments: argparse.Namespace, name: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _stopped_by_signals(watch: Watch) -> Iterator[None]:
-    """Let Ctrl-C, and what ends a container, end the trial; a second Ctrl-C ends the program."""
+def stopped_by_signals(watch: Watch) -> Iterator[None]:
+    """Let Ctrl-C, and what ends a container, end the trial; a second one ends the program.
+
+    The first may come when the trial has ended by itself: then its result is on its way, and still comes.
+    """
+    asked = False
 
     def stop(number: int, _frame: object) -> None:
-        if watch.stopped:
+        nonlocal asked
+        if asked:
             raise KeyboardInterrupt
+        asked = True
         watch.stop("it was interrupted" if number == signal.SIGINT else "it was terminated")
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -209,7 +209,8 @@ class _Shown:
             if pid:
                 if pid in self._pids:
                     del self._pids[pid]
-                    self._codes.append(os.waitstatus_to_exitcode(status))
+                    code = os.waitstatus_to_exitcode(status)
+                    self._codes.append(code if code >= 0 else 128 - code)  # by a signal, as shells say it
                 continue
             if self._stopped.is_set():
                 killed_s = killed_s or time.monotonic() + _KILLED_S

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,7 @@ import pytest
 from ariac_score import as_json, open_trial, score_trial
 from ariac_score.checks.findings import Verdict
 from ariac_score.cli import main
+from ariac_score.cli.watch import stopped_by_signals
 from ariac_score.engine.ask import margins_of
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import LiveError, NothingToScoreError
@@ -234,3 +236,15 @@ def test_the_command_says_what_score_says(tmp_path: Path, capsys: pytest.Capture
     assert main(["score", str(seen), *rules, "-o", str(scored)]) == 0
     assert watched.read_bytes() == scored.read_bytes()
     assert main(["watch", "nowhere://cell", *rules]) == 4
+
+
+def test_a_ctrl_c_after_the_end_does_not_lose_the_result_and_a_second_one_ends_the_program() -> None:
+    watch = Watch(Made(iter(())), prepare("paper2020.published"), Path("never-written.mcap"))
+    watch.stop("the recording is over")
+
+    with stopped_by_signals(watch):
+        signal.raise_signal(signal.SIGINT)
+        assert watch.stopped
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

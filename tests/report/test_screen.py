@@ -84,6 +84,16 @@ def test_the_strip_keeps_the_least_margin_of_each_tenth_of_a_second_for_a_minute
     assert [row for row in rows if row[1] < 1.0] == [(90.04, 0.1, 0.5)]
 
 
+def test_the_strip_forgets_a_pair_that_nobody_has_seen_for_a_minute() -> None:
+    showing = Showing("north", "replay:x")
+    left = Instant("separation", "robot/visitor", "distance", 0.0, 0.1, 0.5, "m")
+    showing.note(Running("replay:x", now=(left,), elapsed_s=0.0))
+    for at_s in range(1, 62):
+        showing.note(Running("replay:x", now=(_instant(at_s, 2.0, 0.5),), elapsed_s=at_s))
+        strip = showing.of(Running("replay:x"))["strip"]
+        assert strip["subject"] == ("robot/visitor" if at_s <= 60 else "robot/human")
+
+
 def test_the_end_of_a_trial_shows_its_score_its_orders_and_its_ledger() -> None:
     result = score_trial(EXAMPLE, "paper2020.published")
     state = _state(result=result, so_far=result, open="", ended="over", monitors=frozenset({"separation"}))

@@ -67,7 +67,7 @@ def test_a_wall_shows_what_comes_and_is_walked_by_keyboard(browser: Any, served:
         near = Instant("separation", "robot/<b>human", "distance", 5.0, 2.0, 2.5, "m")
         show("north", elapsed_s=5.0, now=(near,), places=places)
         page.wait_for_selector("[data-cell=north] .said.bad", timeout=20_000)
-        assert "by 0.50 m" in page.inner_text("[data-cell=north] .said")
+        assert "by 0.50\u00a0m" in page.inner_text("[data-cell=north] .said")
         assert "waiting" in str(page.get_attribute("[data-cell=south]", "class"))
 
         page.keyboard.press("1")

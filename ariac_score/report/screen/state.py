@@ -57,8 +57,11 @@ class Showing:
                 strip[-1] = min(last, row, key=lambda each: each[1] - each[2])
             elif not strip or row[0] > strip[-1][0]:
                 strip.append(row)
-            while strip and strip[0][0] < row[0] - HISTORY_S:
+        for key, strip in list(self._strips.items()):  # also of pairs that are seen no more
+            while strip and strip[0][0] < running.elapsed_s - HISTORY_S:
                 strip.popleft()
+            if not strip:
+                del self._strips[key]
 
     def _keep_broken(self, one: Instant) -> None:
         """Keep until when something was violated last, and its worst instant."""

@@ -90,6 +90,7 @@
       places = [[first, first.includes("human") ? "human" : "robot", 0, 0], [second, second.includes("robot") ? "robot" : "human", nearest.actual, 0]];
       drawn = "no positions are recorded: how far the two are apart";
     }
+    if (!places.length && state.ended && svg.firstChild) { put(about, "as it was seen last"); return; }
     svg.replaceChildren();
     put(about, places.length ? drawn : "no positions and no distances at this moment");
     if (!places.length) { svg.setAttribute("viewBox", "0 0 10 5"); return; }
@@ -184,7 +185,7 @@
     put(link, state.ended ? (state.final ? "final" : "ended, being scored") : state.connected ? "live" : "source gone");
     link.title = state.ended || state.source;
     said.className = `said ${state.verdict.kind}`;
-    put(said.querySelector("span"), state.verdict.text);
+    put(said.querySelector("span"), state.verdict.text.replace(/(\d) (m|s|N)\b/g, "$1\u00a0$2")); /* a number keeps its unit */
     score(cell, state);
     strip(cell, state);
     plan(view, state);
