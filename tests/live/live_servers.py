@@ -14,7 +14,7 @@ from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Connection, Message
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 
 
 def recorded(path: Path = EXAMPLE) -> list[Message]:

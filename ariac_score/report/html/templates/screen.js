@@ -172,6 +172,9 @@
     const box = cell.querySelector(".not-seen"), key = state.unseen.join("\n");
     if (box.dataset.key === key) return;
     box.dataset.key = key;
+    const more = state.unseen.length - 1; /* a wall shows one of each cell */
+    box.querySelector("ul").toggleAttribute("data-more", more > 0);
+    if (more > 0) box.querySelector("ul").dataset.more = `and ${more} more`;
     fill(box.querySelector("ul"), box.querySelector(".none"), state.unseen.map((text) => item("", ["span", "", text])));
   }
 
