@@ -2,6 +2,7 @@
 
     python benchmarks/live.py [AGE_S …]
     python benchmarks/live.py latency [SECONDS]    # from a message to its margin, at 100 Hz and 1 kHz
+    python benchmarks/live.py links [SECONDS]      # the same of a robot of 30 links and 3 people at 500 Hz
 
 A message is taken in (recorded and collected) at a cost that does not depend on the age of the trial; so do
 the margins of the moment, which come from the last moments alone, and the trial so far, of which only what is
@@ -23,12 +24,14 @@ from typing import Literal
 import numpy as np
 
 from ariac_score.engine.prepared import prepare
+from ariac_score.live.judging import Apart, Judged
 from ariac_score.live.replay import source_items
 from ariac_score.live.running import Running
 from ariac_score.live.so_far import SoFar
-from ariac_score.live.source import Ended, LiveItem, Received
+from ariac_score.live.source import Announced, Ended, LiveItem, Received
 from ariac_score.live.watch import Settings, Watch
 from ariac_score.logs.containers.detect import open_scan
+from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.results.result import Result
 from ariac_score.testing import write_bag
 from ariac_score_ariac.testing import kitting_trial
@@ -108,10 +111,13 @@ def judged_s(log: Path, record: Path, messages: int) -> float:
 
 
 class Paced(Timed):
-    """Gives the items of a recording when they are due, as a cell would, and notes when that was."""
+    """Gives items, or those of a recording, when they are due, as a cell would, and notes when that was."""
 
-    def __init__(self, log: Path) -> None:
-        super().__init__(log)
+    def __init__(self, log: Path | list[LiveItem]) -> None:
+        if isinstance(log, Path):
+            super().__init__(log)
+        else:
+            self._items, self._at = log, 0
         self.due_s: list[float] = []
         self._origin: tuple[float, int] | None = None
 
@@ -174,6 +180,93 @@ def latency(seconds: float) -> None:
             )
 
 
+LINKS, HUMANS, RATE_HZ = 30, 3, 500
+_STATES = """string[] name
+geometry_msgs/Pose[] pose
+geometry_msgs/Twist[] twist
+""" + "".join(
+    f"{'=' * 80}\nMSG: geometry_msgs/{name}\n{fields}\n"
+    for name, fields in {
+        "Pose": "Point position\nQuaternion orientation",
+        "Twist": "Vector3 linear\nVector3 angular",
+        "Point": "float64 x\nfloat64 y\nfloat64 z",
+        "Vector3": "float64 x\nfloat64 y\nfloat64 z",
+        "Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    }.items()
+)
+_LOG_MAP = """id: links
+title: A robot with its links and people, as Gazebo states them
+source: made
+models:
+  - {match: robot, kind: robot, links: ["link_*"]}
+  - {match: "person_*", kind: human}
+channels:
+  - {topic: /gazebo/link_states, type: gazebo_msgs/msg/LinkStates, poses: models}
+  - {topic: /gazebo/model_states, type: gazebo_msgs/msg/ModelStates, poses: models}
+"""
+
+
+def states(seconds: float) -> list[LiveItem]:
+    """A robot that swings its links and people who walk past it, as Gazebo publishes them in ROS 1."""
+    t_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    drawn = np.random.default_rng(1)
+    names = {"link": [f"robot::link_{i}" for i in range(LINKS)]}
+    names["model"] = ["robot", *(f"person_{i}" for i in range(HUMANS))]
+    origin_ns = time.time_ns()
+    items: list[LiveItem] = []
+    makers = []
+    for kind, bodies in names.items():
+        type_ = f"gazebo_msgs/msg/{kind.capitalize()}States"
+        connection = Connection(f"/gazebo/{kind}_states", type_, "ros1", _STATES, "ros1msg")
+        items.append(Announced(connection))
+        turn, phase = drawn.uniform(0.3, 0.6, (2, len(bodies))), drawn.uniform(0, 6, len(bodies))
+        reach = np.linspace(0.1, 1.2, len(bodies)) if kind == "link" else np.array([0.0, 20.0, 22.0, 24.0])
+        slow = 3 if kind == "link" else 20
+        poses = np.zeros((len(t_s), len(bodies), 7))
+        poses[..., 6] = 1.0
+        poses[..., 0] = reach * np.cos(np.outer(t_s, turn[0] / slow) + phase)
+        poses[..., 1] = reach * np.sin(np.outer(t_s, turn[1] / slow) + phase)
+        count = len(bodies).to_bytes(4, "little")
+        head = count + b"".join(len(name).to_bytes(4, "little") + name.encode() for name in bodies) + count
+        twists = np.zeros((len(t_s), len(bodies), 6))
+        twists[..., :3] = np.gradient(poses[..., :3], 1 / RATE_HZ, axis=0)
+        makers.append((connection, head, poses, count, twists))
+    for i, at_s in enumerate(t_s):
+        for connection, head, poses, count, twists in makers:
+            payload = head + poses[i].tobytes() + count + twists[i].tobytes()
+            items.append(Received(Message(connection, origin_ns + round(at_s * 1e9), payload, 0)))
+    return items
+
+
+def links(seconds: float) -> None:
+    """What a robot of many links and several people cost, and how late their margins are."""
+    print(f"{LINKS} links, {HUMANS} people, {RATE_HZ} Hz")
+    print("messages | to its margin, ms (p50, p99) | processor, % | trial so far judged, ms (first, last)")
+    with TemporaryDirectory() as parent:
+        log_map = Path(parent, "links.log_map.yaml")
+        log_map.write_text(_LOG_MAP, encoding="utf-8")
+        source = Paced(states(seconds))
+        late = Late(source)
+        costs_s: list[float] = []
+        answer = Apart.answer
+
+        def answered(self: Apart) -> Judged | None:
+            judged = answer(self)
+            if judged is not None and judged.result is not None:
+                costs_s.append(judged.cost_s)
+            return judged
+
+        Apart.answer = answered  # type: ignore[method-assign]
+        prepared = prepare("safety", log_map=str(log_map))
+        Watch(source, prepared, Path(parent, "seen.mcap"), told=late.told).run()
+        Apart.answer = answer  # type: ignore[method-assign]
+        p50, p99 = np.percentile(late.late_s, [50, 99]) * 1e3
+        print(
+            f"{len(late.late_s)} | {p50:.0f}, {p99:.0f} | {100 * late.share:.0f}"
+            f" | {1e3 * costs_s[0]:.0f}, {1e3 * costs_s[-1]:.0f} ({len(costs_s)} times)"
+        )
+
+
 def cpu_s() -> float:
     """Processor time of this process and of those that it started and that run, s; of Linux."""
     ticks = 0
@@ -205,5 +298,7 @@ def told_after_s(log: Path, record: Path, settings: Settings) -> float:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["latency"]:
         latency(float(sys.argv[2]) if sys.argv[2:] else 60.0)
+    elif sys.argv[1:2] == ["links"]:
+        links(float(sys.argv[2]) if sys.argv[2:] else 60.0)
     else:
         main([float(text) for text in sys.argv[1:]] or [30.0, 120.0, 480.0])

@@ -253,7 +253,7 @@ def replays(t: FloatArray, values: FloatArray) -> list[Replay]:
     [Replay(original=0, first=200, behind=300)]
     """
     length = REPLAYED_SAMPLES
-    if len(t) < 2 * length:
+    if len(t) < 2 * length or t[-1] - t[0] < REPLAYED_S - 1.0 / length:  # too short to hold any
         return []
     rows = np.ascontiguousarray(values + 0.0, dtype=np.float64).reshape(len(t), -1)
     hashes = _of_windows(rows.view(np.uint64), length)
