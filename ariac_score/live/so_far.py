@@ -20,13 +20,14 @@ from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.engine.price import price_trial
 from ariac_score.engine.score import score_parts
-from ariac_score.errors import CutOffError
+from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.live.recent import Recent
 from ariac_score.logs.bundle import Bundle
 from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.logs.rosbag import RecordingIntake
 from ariac_score.results.result import Result
 from ariac_score.results.safety import safety_checks
+from ariac_score.trial.cut import LARGEST_DISORDER_S, MARGIN_S
 from ariac_score.trial.events import COMPETITION_STARTED, Event
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import Span
@@ -323,8 +324,19 @@ class _SoFarReader:
         return self.own.describe(path)
 
     def read(self, path: Path, wanted: Wanted) -> Trial:  # noqa: ARG002  # they were taken in by the same
-        """The trial so far, cut off here."""
-        trial = self.kept.trial(CutOffError("the trial goes on", file=path))
+        """The trial so far, cut off here.
+
+        Raises:
+            NothingToScoreError: It is too young to be judged.
+            LogError: Its times run back too far to know what is over.
+        """
+        seen = self.kept.statistics
+        if seen.messages and seen.duration_s <= MARGIN_S:
+            raise NothingToScoreError("less than a second was seen", file=path, hint="it goes on")
+        if (back_s := seen.largest_step_back_s) > LARGEST_DISORDER_S:
+            words = f"times of recording run back by {back_s:.1f} s, so it is scored when it ends"
+            raise LogError(words, file=path, hint="set no clock during a trial")
+        trial = self.kept.trial(CutOffError("the trial goes on", file=path), as_it_came=True)
         self.bodies.update({body.id: body for body in trial.bodies})
         self.trial = replace(trial, bodies=tuple(self.bodies[name] for name in sorted(self.bodies)))
         return self.trial

@@ -56,7 +56,7 @@ class Tail:
         self._recent.forget(self._recent.latest_ns - self._length_ns)
         intake = self._recent.intake(self._of_those_there, self._file)
         try:
-            trial = intake.trial(CutOffError("the trial goes on", file=self._file))
+            trial = intake.trial(CutOffError("the trial goes on", file=self._file), as_it_came=True)
             trial = self._prepared.derived(trial)
             found = [
                 (name, chart)

@@ -145,11 +145,15 @@ class RecordingIntake:
             self.statistics.declare(item)
         self.collector.take(item)
 
-    def trial(self, cut: CutOffError | None = None, *, defects: Iterable[LogDefect] = ()) -> Trial:
+    def trial(
+        self, cut: CutOffError | None = None, *, defects: Iterable[LogDefect] = (), as_it_came: bool = False
+    ) -> Trial:
         """The part of a trial that was taken in; it can be asked for once.
 
         Args:
             cut: Where the recording breaks off, if it does.
+            as_it_came: Whether it is known to be in the order in which it came: a file in which one topic
+                alone has messages may have been sorted by topic.
             defects: Of the recording.
 
         Raises:
@@ -169,7 +173,8 @@ class RecordingIntake:
         builder.recorded = clock.recorded
         collector.settle(builder, clock.origin_ns)
         if cut is not None:
-            back_s = math.inf if statistics.silent_but_one else statistics.largest_step_back_s
+            sorted_anew = statistics.silent_but_one and not as_it_came
+            back_s = math.inf if sorted_anew else statistics.largest_step_back_s
             end_s = clock.recorded.end_s
             builder.cut = cut_at(cut, path.name, end_s, largest_step_back_s=back_s)
         elif statistics.has(MANIFEST) or statistics.has(HEARTBEAT):

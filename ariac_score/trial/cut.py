@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ariac_score.errors import CutOffError, LogError
 
-__all__ = ["MARGIN_S", "Cut", "cut_at"]
+__all__ = ["LARGEST_DISORDER_S", "MARGIN_S", "Cut", "cut_at"]
 
 MARGIN_S = 1.0
 """Of the end of what can be read nothing is judged for so long: messages come late and out of order, and

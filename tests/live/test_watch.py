@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +17,7 @@ from ariac_score.cli import main
 from ariac_score.cli.watch import stopped_by_signals
 from ariac_score.engine.ask import margins_of
 from ariac_score.engine.prepared import prepare
-from ariac_score.errors import LiveError, NothingToScoreError
+from ariac_score.errors import LiveError, NothingToScoreError, ScoreError
 from ariac_score.live.replay import source_items
 from ariac_score.live.running import Running, status_text
 from ariac_score.live.source import (
@@ -211,6 +212,62 @@ def _margins_of_all(recording: Path) -> list[Chart]:
     prepared = prepare("paper2020.published")
     each = prepared.checks["separation"]
     return margins_of(each.plugin, "separation", each.check, open_trial(recording, "paper2020.published"))
+
+
+def test_where_one_topic_alone_has_sent_something_the_margin_is_there_and_why_there_is_no_score_yet(
+    tmp_path: Path,
+) -> None:
+    """A file in which one topic alone has messages may have been sorted; what comes live was not."""
+    items = [
+        item
+        for item in _items()
+        if isinstance(item, Announced)
+        or (isinstance(item, Received) and item.message.connection.topic == "/snapshot")
+    ]
+    states: list[Running] = []
+    clock = iter(range(10**9))
+    watch = Watch(
+        Made(iter(items[:900])),
+        prepare("paper2020.published"),
+        tmp_path / "seen.mcap",
+        settings=Settings(period_s=300.0, share=1.0, tail_period_s=100.0, tail_share=1.0, apart=False),
+        told=states.append,
+        now_s=lambda: float(next(clock)),
+    )
+    with suppress(ScoreError):
+        watch.run()
+
+    assert any(one.check == "separation" for state in states for one in state.now)
+    assert {state.open for state in states[1:]} <= {
+        "no message yet",
+        "less than a second was seen",
+        "no order was found",
+    }
+
+
+def test_a_clock_that_was_set_back_far_leaves_the_score_to_the_end_and_says_so(tmp_path: Path) -> None:
+    items = [item for item in _items() if not isinstance(item, Ended)]
+    back = [
+        Received(item.message._replace(stamp_ns=item.message.stamp_ns - 60 * 10**9), item.sent_ns)
+        if isinstance(item, Received) and number > 700
+        else item
+        for number, item in enumerate(items[:1400])
+    ]
+    states: list[Running] = []
+    clock = iter(range(10**9))
+    watch = Watch(
+        Made(iter(back)),
+        prepare("paper2020.published"),
+        tmp_path / "seen.mcap",
+        settings=Settings(period_s=300.0, share=1.0, tail_period_s=1e9, apart=False),
+        told=states.append,
+        now_s=lambda: float(next(clock)),
+    )
+    with suppress(ScoreError):
+        watch.run()
+
+    assert states[-2].open == "times of recording run back by 60.0 s, so it is scored when it ends"
+    assert any(note.kind == "clock" and "go back by 60.0 s" in note.text for note in states[-2].notes)
 
 
 def test_nothing_came(tmp_path: Path) -> None:
