@@ -17,6 +17,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import Prepared
 from ariac_score.engine.read import find_run
 from ariac_score.engine.score import score_parts
+from ariac_score.errors import ScoreError
 from ariac_score.live.judging import Judged, Judging, judging_of
 from ariac_score.live.mcap_writer import McapWriter
 from ariac_score.live.running import Note, Running
@@ -122,16 +123,27 @@ class Watch:
             bundle, readers = self._found()
             (log,) = (part for part in bundle.parts if part.path == self._record)
             reader = _LiveReader(self, readers[log.reader], writer, bundle, readers, log.reader)
-            result = score_parts(self._record, bundle, {**readers, log.reader: reader}, self._prepared)
-            # A competition may read its own recordings in its own way, and know them by what is in them.
-            found = self._found()
-            if found[0] != bundle or not isinstance(getattr(reader.own, "reader", reader.own), RosbagReader):
-                result = score_parts(self._record, *found, self._prepared)
+            try:
+                result = score_parts(self._record, bundle, {**readers, log.reader: reader}, self._prepared)
+            except ScoreError:
+                if not reader.over or not self._is_read_otherwise(bundle, reader):
+                    raise
+                result = None
+            if result is None or self._is_read_otherwise(bundle, reader):
+                result = score_parts(self._record, *self._found(), self._prepared)
             self._tell(replace(self.state, result=result, so_far=result, open=""))
             return result
         finally:
             writer.close()
             self._source.close()
+
+    def _is_read_otherwise(self, bundle: Bundle, reader: _LiveReader) -> bool:
+        """Whether the recording is read otherwise now that it holds something.
+
+        A competition may read its own recordings in its own way, and know them by what is in them.
+        """
+        own = getattr(reader.own, "reader", reader.own)
+        return not isinstance(own, RosbagReader) or self._found()[0] != bundle
 
     def _found(self) -> tuple[Bundle, Mapping[str, Reader]]:
         by = self._prepared.rule_set.authority.work
@@ -275,6 +287,8 @@ class _LiveReader:
     bundle: Bundle
     readers: Mapping[str, Reader]
     name: str
+    over: bool = False
+    """Whether everything has come, and is recorded."""
 
     @property
     def facts(self) -> object:
@@ -301,6 +315,7 @@ class _LiveReader:
         finally:
             judging.close()
         self.writer.close()
+        self.over = True
         return intake.kept.trial()
 
 
