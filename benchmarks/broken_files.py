@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sqlite3
 import struct
 import zipfile
 from collections.abc import Callable, Mapping
@@ -112,6 +113,75 @@ def _order_of(records: list[dict[str, object]]) -> dict[str, object]:
     return next(record for record in records if record["record"] == "order")
 
 
+def _orders_without_end(run: Path, _number: int) -> None:
+    records = _records(run)
+    before, after = json.dumps({**_order_of(records), "id": "@@"}).split("@@")
+    with (run / LOG).open("w", encoding="utf-8") as out:
+        out.write(json.dumps(records[0]) + "\n")
+        out.writelines(f"{before}o{n}{after}\n" for n in range(_MILLION))
+
+
+def _stamped_alike(run: Path, _number: int) -> None:
+    """Very many samples of one time."""
+    *records, end = _records(run)
+    of_one_time = json.dumps({"record": "sample", "t_s": 1.0, "values": {"speed/robot": 0.5}}) + "\n"
+    rest = [record for record in records if record["record"] != "sample"]
+    with (run / LOG).open("w", encoding="utf-8") as out:
+        out.writelines(json.dumps(record) + "\n" for record in rest)
+        out.write(of_one_time * _MANY)
+        out.write(json.dumps({**end, "records": len(rest) + _MANY + 1}) + "\n")
+
+
+_MILLION, _MANY = 1_000_000, 100_000
+_TABLES = """
+create table topics(
+    id integer primary key, name text, type text, serialization_format text, offered_qos_profiles text
+);
+create table messages(id integer primary key, topic_id integer, timestamp integer, data blob);
+"""
+
+
+def _database(rows: str, count: int) -> Breaks:
+    def breaks(run: Path, _number: int) -> None:
+        (run / LOG).unlink()
+        made = sqlite3.connect(run / "log.db3")
+        made.executescript(_TABLES)
+        numbers = "with recursive n(i) as (select 1 union all select i + 1 from n where i < ?) "
+        made.execute(numbers + rows, [count])
+        made.execute("insert or ignore into topics values (1, '/tf', 'tf2_msgs/msg/TFMessage', 'cdr', '')")
+        made.execute("insert or ignore into messages values (1, 1, 1, x'0001000000000000')")
+        made.commit()
+        made.close()
+
+    return breaks
+
+
+def _mcap_of_topics() -> bytes:
+    """As many topics as the numbers of MCAP allow, and very many messages at one time."""
+
+    def text(of: str) -> bytes:
+        return struct.pack("<I", len(of)) + of.encode()
+
+    def record(op: int, content: bytes) -> bytes:
+        return bytes([op]) + struct.pack("<Q", len(content)) + content
+
+    schema = struct.pack("<H", 1) + text("std_msgs/msg/String") + text("ros2msg") + text("string data\n")
+    channels = [
+        record(4, struct.pack("<HH", n, 1) + text(f"/t{n}") + text("cdr") + bytes(4)) for n in range(1 << 16)
+    ]
+    message = record(5, struct.pack("<HIQQ", 0, 0, 1, 1) + bytes.fromhex("00010000020000006100"))
+    magic, head = b"\x89MCAP0\r\n", record(1, text("ros2") + text("")) + record(3, schema)
+    return (
+        magic
+        + head
+        + b"".join(channels)
+        + message * _MANY
+        + record(15, bytes(4))
+        + record(2, bytes(20))
+        + magic
+    )
+
+
 def _text_changed(old: str, new: str) -> Breaks:
     def breaks(run: Path, _number: int) -> None:
         text = (run / LOG).read_text(encoding="utf-8")
@@ -203,6 +273,19 @@ BROKEN_FILES: Mapping[str, tuple[Breaks, str, str]] = {
         "scored",
         "",
     ),
+    "a million orders": (_orders_without_end, "timed_out", "at last in plugin jsonl"),
+    "a hundred thousand samples of one time": (_stamped_alike, "scored", ""),
+    "a hundred thousand topics": (
+        _database("insert into topics select i, '/t' || i, 'std_msgs/msg/String', 'cdr', '' from n", _MANY),
+        "nothing_to_score",
+        "no order was found",
+    ),
+    "a million messages of one time": (
+        _database("insert into messages select i, 1, 1, x'0001000000000000' from n", _MILLION),
+        "nothing_to_score",
+        "no order was found",
+    ),
+    "all topics that there can be": (_instead("log.mcap", _mcap_of_topics), "nothing_to_score", "no order"),
     "a chunk bomb": (_instead("log.mcap", _chunk_bomb), "unreadable", "more than the 1073741824 allowed"),
     "an archive that is a bomb": (
         _instead("log.zip", _zip_bomb),

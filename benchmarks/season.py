@@ -169,6 +169,13 @@ BROKEN: Mapping[str, Way] = {
     "leaves without a word": Way(_asking_for("leaves"), *_died("with exit code 0")),
     "raises": Way(_asking_for("raises"), "plugin_failed", "season.trouble"),
     "forks": Way(_asking_for("forks"), "scored", ""),
+    "leaves children": Way(_asking_for("begets"), "scored", ""),
+    "leaves children and hangs": Way(_asking_for("begets-and-hangs"), *_LATE),
+    "writes over memory": Way(_asking_for("overwrites"), *_died("by signal 11 (SIGSEGV)")),
+    "opens files without end": Way(_asking_for("opens"), "plugin_failed", "Too many open files"),
+    "starts threads without end": Way(
+        _asking_for("starts-threads"), "plugin_failed", "can't start new thread"
+    ),
     "exits": Way(_asking_for("exits"), "plugin_failed", "SystemExit"),
     "interrupts": Way(_asking_for("interrupts"), "plugin_failed", "KeyboardInterrupt"),
     "recurses": Way(_asking_for("recurses"), "plugin_failed", "RecursionError"),

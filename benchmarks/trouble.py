@@ -9,6 +9,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,6 +88,39 @@ def _forks() -> str:
         if os.fork() == 0:
             return "a copy"
     return "there were copies"
+
+
+def _begets() -> str:
+    """Children that would outlive it: one of its own kind, one in a session of its own, a program."""
+    if os.fork() == 0:
+        Event().wait()
+    if os.fork() == 0:
+        os.setsid()
+        Event().wait()
+    subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100_000)"], start_new_session=True)
+    return "children are left"
+
+
+def _begets_and_hangs() -> str:
+    _begets()
+    return _hangs()
+
+
+def _overwrites() -> str:
+    """What lies behind a buffer is written over, as by a library with a fault in it."""
+    ctypes.memset(ctypes.create_string_buffer(16), 0x41, 1 << 30)
+    return "overwritten"
+
+
+def _opens() -> str:
+    held = []
+    while True:
+        held.append(os.open(os.devnull, os.O_RDONLY))
+
+
+def _starts_threads() -> str:
+    while True:
+        Thread(target=Event().wait, daemon=True).start()
 
 
 def _exits() -> str:
@@ -168,6 +203,11 @@ WAYS: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
         "leaves": _leaves,
         "raises": _raises,
         "forks": _forks,
+        "begets": _begets,
+        "begets-and-hangs": _begets_and_hangs,
+        "overwrites": _overwrites,
+        "opens": _opens,
+        "starts-threads": _starts_threads,
         "exits": _exits,
         "interrupts": _interrupts,
         "recurses": _recurses,

@@ -38,7 +38,7 @@ from ariac_score.batch.worker import (
 from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import BatchError
 from ariac_score.installed.running import noted as last_noted
-from ariac_score.installed.system import KILLS
+from ariac_score.installed.system import KILLS, end_children
 
 __all__ = [
     "AND_AGAIN",
@@ -71,6 +71,8 @@ _KILLED_FROM_OUTSIDE = frozenset({_SERVER_LOST, *(-number for number in KILLS)})
 """Exit codes of a process that somebody killed: the kernel short of memory, a user, a scheduler."""
 _START_ATTEMPTS = 5
 _LONGEST_WAIT_S = 1.0
+_CHILDREN_S = 2.0
+"""How long the end of what a run has left behind may take."""
 _KILLED_S = 10.0
 """How long a process may take to be gone once it is killed."""
 SETTING_VARIABLE = "ARIAC_SCORE_BATCH_SETTING"
@@ -125,6 +127,7 @@ class _Running:
     report: Path
     deadline: float
     started_s: float
+    pid: int | None
 
     def state(self, now_s: float) -> RunUnderWay:
         """What it does, as far as its process has noted it."""
@@ -186,6 +189,7 @@ class LocalExecutor:
                 for ended in self._ended(running):
                     running.remove(ended)
                     outcome = self._settle(ended, setting)
+                    _end_left_behind(context, ended.pid, running)
                     if isinstance(outcome, Done):
                         yield outcome
                     else:
@@ -193,13 +197,14 @@ class LocalExecutor:
         finally:
             for one in running:
                 stop(one.process)
+                _end_left_behind(context, one.pid, ())
 
     def _start(self, context: Any, task: RunTask, deaths: _Deaths, setting: BatchSetting) -> _Running:
         self._serial += 1
         report = self.work / f"{self._serial}.report"
         process = started(context, self.target, (task, setting, self.out, report))
         now = time.monotonic()
-        return _Running(task, deaths, process, report, now + setting.limits.wall_s, now)
+        return _Running(task, deaths, process, report, now + setting.limits.wall_s, now, process.pid)
 
     def _tell(self, running: list[_Running]) -> None:
         """Tell whoever watches what each run does; files are read for nobody else."""
@@ -321,6 +326,15 @@ def stop(process: BaseProcess) -> None:
     with suppress(ValueError, OSError):
         process.kill()
         process.join(_KILLED_S)
+
+
+def _end_left_behind(context: Any, ended: int | None, running: Iterable[_Running]) -> None:
+    """End what a run started and left behind: it would hold memory, files and the fork server for ever."""
+    server = None
+    if context.get_start_method() == "forkserver":
+        # No public name: in each supported version of Python it is this one, and without it less is found.
+        server = getattr(forkserver._forkserver, "_forkserver_pid", None)  # type: ignore[attr-defined]
+    end_children(server, ended, [one.pid for one in running if one.pid is not None], _CHILDREN_S)
 
 
 def fresh_processes(work: Path, setting: BatchSetting) -> Any:

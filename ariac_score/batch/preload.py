@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import warnings
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,7 @@ from ariac_score.batch.remote import load_library
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.checks.contracts import GROUPS
 from ariac_score.errors import ScoreError
+from ariac_score.installed.system import adopt_orphans
 from ariac_score.logs.columnar.types import bundled_typestore
 
 __all__ = ["worker"]
@@ -50,6 +52,9 @@ def _prepare(file: str) -> None:
         worker.perform(RunTask("", "nothing", 1, nothing), setting)
 
 
+adopt_orphans()
+# Python says this of orphans that the server collects, as if it were a fault.
+warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
 if os.environ.get(SAFE_PATH[0]) == SAFE_PATH[1]:
     del os.environ[SAFE_PATH[0]]
 # Whatever a stranger's package does here: a server that dies of it could score no run at all.

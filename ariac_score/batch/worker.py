@@ -39,7 +39,7 @@ from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ScoreError
 from ariac_score.installed.running import listen_for_interrupts, note_in
-from ariac_score.installed.system import end_after, limit_this_process
+from ariac_score.installed.system import OPEN_FILES, end_after, limit_this_process, own_session
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json, result_in
@@ -305,6 +305,7 @@ def perform_into(task: RunTask, setting: BatchSetting, out: Path | None, report:
     The report is a line of JSON, then the document; it appears whole or not at all. The supervisor ends
     the process when it is late; after a `kill -9` of the supervisor, an alarm does.
     """
+    own_session()
     end_after(setting.limits.wall_s + _ORPHANED_S)
     listen_for_interrupts()  # else one that a plugin raises is taken for that of a person
     with contextlib.suppress(OSError):  # without room for a note, nobody can be named
@@ -359,8 +360,14 @@ def noted(report: Path) -> tuple[str, str]:
 
 
 def _write_report(done: Done, report: Path) -> None:
-    part = report.with_suffix(".part")
-    part.write_bytes(report_of(done))
+    part, contents = report.with_suffix(".part"), report_of(done)
+    try:
+        part.write_bytes(contents)
+    except OSError as error:
+        if error.errno != errno.EMFILE:
+            raise
+        os.closerange(3, OPEN_FILES)  # a plugin has left them open, and nothing follows that would read them
+        part.write_bytes(contents)
     part.replace(report)
 
 

@@ -153,7 +153,7 @@ def parse_yaml(
         root = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as cause:
         mark = cause.problem_mark or cause.context_mark
-        if mark and "nesting depth" in (cause.problem or ""):  # libyaml looks ahead, and has a limit of its own
+        if mark and "nesting depth" in (cause.problem or ""):  # libyaml, which looks ahead
             raise _too_deep(f"line {mark.line + 1}", file, error) from None
         place = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         problem = " ".join(text for text in (cause.context, cause.problem) if text)

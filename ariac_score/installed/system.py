@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -21,11 +22,15 @@ from typing import IO, Any
 
 __all__ = [
     "KILLS",
+    "OPEN_FILES",
+    "adopt_orphans",
     "await_session",
     "end_after",
+    "end_children",
     "end_session",
     "limit_this_process",
     "lock",
+    "own_session",
     "read_at",
     "shortfalls",
     "signal_session",
@@ -52,6 +57,12 @@ KILLS = frozenset(
 )
 """Signals by which others end a process: the kernel short of memory, a user, a scheduler, its own alarm."""
 
+OPEN_FILES = 1024
+"""Files that the process of a run may have open at a time, as is usual on most systems."""
+
+_SUBREAPER = 36
+"""`PR_SET_CHILD_SUBREAPER` of Linux, since 3.4."""
+
 _KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 _ENDED_LATE = 124
 """Exit code of a process that ends itself where there are no alarms, as of the program `timeout`."""
@@ -70,6 +81,10 @@ def shortfalls() -> tuple[str, ...]:
         found.append("no limit of memory: --memory-mb is not kept")
     if _fcntl is None and _msvcrt is None:
         found.append("no locks: nothing keeps two batches from writing into one folder")
+    if sys.platform == "darwin":
+        found.append(
+            "programs that a plugin starts in a session of their own outlive the process that is ended"
+        )
     if not hasattr(os, "killpg"):
         found.append("no sessions: programs that a plugin starts outlive the process that is ended")
     return tuple(found)
@@ -106,7 +121,7 @@ def write_first(file: int, contents: bytes) -> None:
 
 
 def limit_this_process(memory_bytes: int, file_bytes: int) -> None:
-    """Bind this process and what it starts to limits that nothing of it can lift.
+    """Bind this process and what it starts to limits that nothing of it can lift, `OPEN_FILES` as well.
 
     Args:
         memory_bytes: Most address space, because Linux does not enforce a limit of resident memory; 0: any.
@@ -114,7 +129,8 @@ def limit_this_process(memory_bytes: int, file_bytes: int) -> None:
     """
     if _resource is None:
         return
-    bounds = {_resource.RLIMIT_CORE: 0}  # the dumps of a season's crashes would fill the disk
+    # The dumps of a season's crashes would fill the disk.
+    bounds = {_resource.RLIMIT_CORE: 0, _resource.RLIMIT_NOFILE: OPEN_FILES}
     if file_bytes:
         bounds[_resource.RLIMIT_FSIZE] = file_bytes
     if memory_bytes:
@@ -135,6 +151,62 @@ def end_after(seconds: float) -> None:
     watch = threading.Timer(seconds, os._exit, (_ENDED_LATE,))
     watch.daemon = True
     watch.start()
+
+
+def own_session() -> None:
+    """Take this process out of the session of whoever started it, so that what it starts can be found."""
+    if hasattr(os, "setsid"):
+        with suppress(OSError):  # it leads one already
+            os.setsid()
+
+
+def adopt_orphans() -> None:
+    """Have this process inherit, on Linux, what processes below it leave behind, also in other sessions."""
+    if sys.platform == "linux":
+        with suppress(ImportError, OSError, AttributeError):
+            importlib.import_module("ctypes").CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
+
+
+def end_children(adopter: int | None, ended: int | None, keep: Collection[int], patience_s: float) -> None:
+    """End what a process has left behind that has ended itself.
+
+    Args:
+        adopter: Process that called `adopt_orphans` above it; `None` where there is none.
+        ended: Process that has ended, and had a session of its own.
+        keep: Children of the adopter that go on.
+        patience_s: How long to go on with children that make new ones, s.
+    """
+    if ended is not None and hasattr(os, "killpg"):
+        with suppress(OSError):  # nothing is left of it
+            os.killpg(ended, _KILL)
+    until = time.monotonic() + patience_s
+    while adopter is not None and time.monotonic() < until:
+        left = _children(adopter) - set(keep)
+        if not left:
+            return
+        for (
+            process
+        ) in left:  # children of theirs become children of the adopter, and are met in the next turn
+            with suppress(OSError):
+                os.kill(process, _KILL)
+        time.sleep(0.001)
+
+
+def _children(parent: int) -> set[int]:
+    """The children of a process that have not ended, where the system has a list of processes."""
+    try:
+        listed = Path(f"/proc/{parent}/task/{parent}/children").read_text(encoding="ascii").split()
+    except OSError:
+        listed = [status.parent.name for status in Path("/proc").glob("[0-9]*/stat")]
+    return {int(one) for one in listed if _is_child(Path("/proc", one, "stat"), parent)}
+
+
+def _is_child(status: Path, parent: int) -> bool:
+    try:
+        state, its_parent, *_ = status.read_text(errors="replace").rpartition(")")[2].split()
+    except (OSError, ValueError):
+        return False
+    return its_parent == str(parent) and state not in ("Z", "X")
 
 
 def signal_session(process: subprocess.Popen[Any], how: int) -> None:

@@ -9,11 +9,13 @@ import os
 import runpy
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn
@@ -91,6 +93,57 @@ def test_a_season_of_kills_is_as_if_nothing_had_happened(capsys: pytest.CaptureF
     assert "every run has the outcome and the reason of its kind: yes" in said
     assert "every run is there once: yes" in said
     assert "diff -r: no difference" in said
+
+
+@proc
+def test_what_a_run_leaves_behind_ends_with_it_and_holds_nothing_open(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Children in sessions of their own held the fork server, and it the output of the batch, for ever."""
+    ways = ("leaves children", "writes over memory", "opens files without end", "starts threads without end")
+
+    with within(240):
+        assert (
+            season(
+                "--trials",
+                "4",
+                "--broken-every",
+                "1",
+                "--kills",
+                "0",
+                "--supervisor-kills",
+                "0",
+                "--ways",
+                *ways,
+            )
+            == 0
+        )
+
+    assert "every run has the outcome and the reason of its kind: yes" in capsys.readouterr().out
+
+
+def test_a_file_that_changes_between_hash_and_reading_is_changing_and_nothing_is_kept(
+    trials: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task, setting = (
+        RunTask("", "a.jsonl", 1, str(trials / "a.jsonl")),
+        BatchSetting.of(load_rule_set(RULES), Limits()),
+    )
+    log = trials / "a.jsonl"
+    read = hands.worker.contents_of
+
+    def hashed_and_replaced(one: RunTask) -> str:
+        found = read(one)
+        status = log.stat()
+        log.write_bytes(log.read_bytes().replace(b"7.", b"6.", 1))  # as long as before
+        os.utime(log, ns=(status.st_atime_ns, status.st_mtime_ns))
+        return found
+
+    monkeypatch.setattr(hands.worker, "contents_of", hashed_and_replaced)
+    done = hands.worker.perform(task, setting)
+
+    assert summary_of(done.document or b"").outcome == "changing"
+    assert (done.address, done.contents, done.signature) == ("", "", "")
 
 
 @proc
@@ -690,6 +743,101 @@ def test_a_scheduler_that_is_lost_in_the_middle_ends_the_batch_and_loses_nothing
             list(results)
 
     assert "only the rest is done" in caught.value.hint
+
+
+class Network:
+    """A way to a server that can be cut: then nothing comes through, and nobody is told."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.server = (host, port)
+        self.there = threading.Event()
+        self.there.set()
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tcp://127.0.0.1:{self.listener.getsockname()[1]}"
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):  # the listener was closed
+            while True:
+                near, _ = self.listener.accept()
+                self.there.wait()
+                far = socket.create_connection(self.server)
+                for one, other in ((near, far), (far, near)):
+                    threading.Thread(target=self._carry, args=(one, other), daemon=True).start()
+
+    def _carry(self, one: socket.socket, other: socket.socket) -> None:
+        with suppress(OSError), one, other:
+            while data := one.recv(1 << 16):
+                self.there.wait()
+                other.sendall(data)
+
+
+@contextmanager
+def network_to(made: Any) -> Iterator[Network]:
+    host, port = made.scheduler_address.removeprefix("tcp://").split(":")
+    network = Network(host, int(port))
+    try:
+        yield network
+    finally:
+        network.there.set()
+        network.listener.close()
+
+
+def test_a_network_that_is_cut_for_a_while_costs_no_run_anything(trials: Path, tmp_path: Path) -> None:
+    names = [f"{number}.jsonl" for number in range(6)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+    here = run_here(hands.worker.perform_into, names, trials, tmp_path / "here")
+
+    with cluster(1) as made, network_to(made) as network:
+        results = on_a_cluster(network.address, names, trials, tmp_path)
+        there = [next(results)]
+        network.there.clear()
+        threading.Timer(3.0, network.there.set).start()
+        there += results
+
+    assert len(there) == len(names)  # each once
+    assert {done.task.trial: done.document for done in there} == {
+        name: done.document for name, done in here.items()
+    }
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_network_that_stays_cut_ends_the_batch_by_name(trials: Path, tmp_path: Path) -> None:
+    names = [f"{number}.jsonl" for number in range(12)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+
+    with cluster(1) as made, network_to(made) as network:
+        results = on_a_cluster(network.address, names, trials, tmp_path)
+        assert summary_of(next(results).document or b"").outcome == "scored"
+        network.there.clear()
+        with pytest.raises(
+            BatchError, match=r"scheduler_lost: .* has had no scheduler that answers"
+        ) as caught:
+            list(results)
+
+    assert caught.value.exit_code == 7
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_cluster_that_is_without_workers_for_a_while_goes_on_with_the_next_ones(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "WITHOUT_WORKERS_S", 60.0)
+    names = [f"{number}.jsonl" for number in range(6)]
+    for name in names:
+        shutil.copyfile(trials / "a.jsonl", trials / name)
+
+    with cluster(1) as made:
+        results = on_a_cluster(made.scheduler_address, names, trials, tmp_path)
+        found = [next(results)]
+        made.scale(0)
+        threading.Timer(3.0, made.scale, [1]).start()
+        found += results
+
+    assert sorted(done.task.trial for done in found) == names
+    assert {summary_of(done.document or b"").outcome for done in found} == {"scored"}
 
 
 @pytest.fixture

@@ -127,3 +127,41 @@ def test_one_process_at_a_time_has_a_lock(tmp_path: Path) -> None:
         assert not system.lock(second)
     with place.open("w") as third:
         assert system.lock(third)
+
+
+LEAVES_CHILDREN = """
+import os, sys, time
+from ariac_score.installed.system import adopt_orphans, end_children
+adopt_orphans()
+kept = os.fork()
+if kept == 0:
+    time.sleep(600)
+ended = os.fork()
+if ended == 0:
+    os.setsid()
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            os.setsid()
+        time.sleep(600)
+    os._exit(0)
+os.waitpid(ended, 0)
+end_children(os.getpid(), ended, [kept], 10.0)
+os.kill(kept, 0)
+os.kill(kept, 9)
+os.waitpid(kept, 0)
+codes = []
+try:
+    while True:
+        codes.append(os.waitpid(-1, 0)[1])
+except ChildProcessError:
+    print(codes)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux finds what left its session")
+def test_what_a_process_leaves_behind_ends_though_it_left_its_session_and_what_goes_on_stays() -> None:
+    command = [sys.executable, "-c", LEAVES_CHILDREN]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+    assert ended.stdout == "[9, 9]\n", ended.stderr
