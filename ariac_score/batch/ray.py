@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import socket
 import tempfile
@@ -18,7 +19,7 @@ import ray
 from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
-from ariac_score.batch.state import OnState, unwatched
+from ariac_score.batch.state import SCHEDULER_LOST, OnState, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -28,6 +29,9 @@ __all__ = ["RayExecutor", "ray_executor"]
 _AHEAD = 4
 """Tasks that wait for each processor of the cluster."""
 _CONNECT_S = 20
+_LISTENS_S = 2.0
+_MISSED = 3
+"""Looks in a row at which nothing listens where the head was, before it counts as lost."""
 _HINT = (
     "start one with 'ray start --head', and check address and firewall; "
     "where it wants a token, set RAY_AUTH_MODE=token"
@@ -67,7 +71,9 @@ class RayExecutor:
             return measure.remote(absolute(task), shared, earlier_document(task, self.out))
 
         waiting, suspects = iter(tasks), list[RunTask]()
-        patience = Patience(ray.get_runtime_context().gcs_address, _workers, setting, self.on_state)
+        address = ray.get_runtime_context().gcs_address
+        patience = _Head.watched(address, Patience(address, _workers, setting, self.on_state))
+        headless = False
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
             under_way = {submitted(task): task for task in islice(waiting, room)}
@@ -87,8 +93,70 @@ class RayExecutor:
             # Alone at the end: together with others they may have needed too much memory.
             for task in suspects:
                 yield _result(submitted(task), task, patience)
+        except BatchError as error:
+            headless = error.name == SCHEDULER_LOST
+            raise
         finally:
-            ray.shutdown()
+            if headless:  # Ray would wait for its head, and then end the whole process without a word
+                atexit.unregister(ray.shutdown)
+            else:
+                ray.shutdown()
+
+
+@dataclass
+class _Head:
+    """The patience with a cluster, and whether its head still listens.
+
+    Ray itself does not answer when its head is gone, and ends this process a minute later.
+
+    Attributes:
+        address: Of the head; empty where it cannot be reached from here, as through a client.
+        patience: With the cluster.
+    """
+
+    address: str
+    patience: Patience
+    _missed: int = 0
+
+    @classmethod
+    def watched(cls, address: str, patience: Patience) -> _Head:
+        """The head at an address, watched where this machine reaches it."""
+        return cls(address if _listens(address) else "", patience)
+
+    def reset(self) -> None:
+        """Start over: a result has come."""
+        self._missed = 0
+        self.patience.reset()
+
+    def check(self) -> None:
+        """Check whether it makes sense to wait on.
+
+        Raises:
+            BatchError: The head is gone, or the cluster gives nothing.
+        """
+        if not self.address or _listens(self.address):
+            self._missed = 0
+            self.patience.check()
+            return
+        self._missed += 1
+        if self._missed >= _MISSED:
+            raise _head_lost(self.address)
+
+
+def _head_lost(address: str) -> BatchError:
+    return BatchError(
+        f"the head of the cluster at {address} is gone", hint=f"start the cluster, {AND_AGAIN}"
+    ).named(SCHEDULER_LOST)
+
+
+def _listens(address: str) -> bool:
+    """Whether something does at an address."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_LISTENS_S).close()
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def _workers() -> int:
@@ -96,7 +164,7 @@ def _workers() -> int:
     return sum(1 for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU"))
 
 
-def _fetched(future: Any, patience: Patience) -> Done:
+def _fetched(future: Any, patience: _Head) -> Done:
     """The outcome of a task, awaited as long as the cluster can still give one.
 
     Raises:
@@ -113,12 +181,14 @@ def _fetched(future: Any, patience: Patience) -> Done:
             return done
 
 
-def _result(future: Any, task: RunTask, patience: Patience) -> Done:
+def _result(future: Any, task: RunTask, patience: _Head) -> Done:
     try:
         done = _fetched(future, patience)
     # Ray's own messages name processes and machines, and a reason has to be the same anywhere.
     except ray.exceptions.WorkerCrashedError:
         return lost(task, "killed", "worker after worker that scored it was lost")
+    except ray.exceptions.LocalRayletDiedError as error:
+        raise _head_lost(patience.patience.cluster) from error
     except ray.exceptions.RayError as error:
         cause = getattr(error, "cause", error)
         what = f"{type(cause).__name__}: {cause}".split("\n", maxsplit=1)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -148,6 +149,35 @@ def test_every_kind_of_submission_has_its_score(
     assert float(judged.columns["final"]) == expected
 
 
+def tape(name: str, kind: bytes = tarfile.REGTYPE, to: str = "") -> bytes:
+    """A tape of one member of 5 bytes, such as no program of a team makes by itself."""
+    entry = tarfile.TarInfo(name)
+    entry.type, entry.linkname, entry.size = kind, to, 5 if kind == tarfile.REGTYPE else 0
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w:gz") as packed:
+        packed.addfile(entry, io.BytesIO(b"owned"))
+    return out.getvalue()
+
+
+def bomb() -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("kitting_1/trial.jsonl", bytes(1 << 28))
+    return out.getvalue()
+
+
+def overlapping() -> bytes:
+    """Two members of which the index says that they lie at one place."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as packed:
+        packed.writestr("kitting_1/a", b"x" * 100)
+        packed.writestr("kitting_1/b", b"x" * 100)
+        packed.filelist[1].header_offset = packed.filelist[0].header_offset
+    return out.getvalue()
+
+
+SCRIPT = "<img src=x onerror=alert(1)>"
+
 TRAPS: dict[str, tuple[dict[str, str | bytes], str]] = {
     "a bag zipped without its folder": (
         {"metadata.yaml": "rosbag2_bagfile_information: {}\n", "kitting_0.mcap": b"\x89MCAP0\r\n"},
@@ -164,7 +194,21 @@ TRAPS: dict[str, tuple[dict[str, str | bytes], str]] = {
         "kitting",
     ),
     "two of one name": ({"kitting.jsonl": "{}", "kitting_1.jsonl": "{}"}, "two entries are run 1"),
-    "an archive that leads out": ({"kitting.tar": b""}, "belongs to no trial|kitting"),
+    "an archive of nothing": ({"kitting.tar": b""}, "belongs to no trial|kitting"),
+    "an archive that leads out": ({"a.tar.gz": tape("../../output/owned")}, "leads out of the archive"),
+    "an archive with an absolute name": ({"a.tar.gz": tape("/owned")}, "leads out of the archive"),
+    "an archive with a link": (
+        {"a.tar.gz": tape("kitting_1/trial.jsonl", tarfile.SYMTYPE, "/app/input/ref/hashes.json")},
+        "it is a link or a device",
+    ),
+    "an archive with a device": (
+        {"a.tar.gz": tape("kitting_1/trial.jsonl", tarfile.CHRTYPE)},
+        "it is a link or a device",
+    ),
+    "an archive of members in one another": ({"a.zip": overlapping()}, "lies within"),
+    "an archive that is a bomb": ({"a.zip": bomb()}, "it unpacks to more than"),
+    "a log that is a bomb": ({"kitting_1.mcap": b"\x89MCAP0\r\n" + b"\x06" + b"\xff" * 40}, "kitting"),
+    "a script in a name": ({f"{SCRIPT}/trial.jsonl": "{}"}, "belongs to no trial"),
 }
 
 
@@ -182,6 +226,7 @@ def test_a_trap_ends_as_a_scored_outcome_that_says_why(
     message = json.loads((judged.output / "platform_scores.json").read_text(encoding="utf-8"))["message"]
     assert any(part in message for part in words.split("|")), message
     assert not (judged.output / "owned").exists()
+    assert SCRIPT not in (judged.output / "detailed_results.html").read_text(encoding="utf-8")
 
 
 # What is never loaded
