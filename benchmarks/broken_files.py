@@ -157,7 +157,7 @@ def _database(rows: str, count: int) -> Breaks:
 
 
 def _mcap_of_topics() -> bytes:
-    """As many topics as the numbers of MCAP allow, and very many messages at one time."""
+    """As many topics as the numbers of MCAP allow, and messages at one time."""
 
     def text(of: str) -> bytes:
         return struct.pack("<I", len(of)) + of.encode()
@@ -175,7 +175,7 @@ def _mcap_of_topics() -> bytes:
         magic
         + head
         + b"".join(channels)
-        + message * _MANY
+        + message * 1000
         + record(15, bytes(4))
         + record(2, bytes(20))
         + magic

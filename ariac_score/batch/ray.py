@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 import socket
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -99,8 +100,16 @@ class RayExecutor:
         finally:
             if headless:  # Ray would wait for its head, and then end the whole process without a word
                 atexit.unregister(ray.shutdown)
+                atexit.register(_leave)
             else:
                 ray.shutdown()
+
+
+def _leave() -> None:
+    """End this process with the exit code of a lost scheduler: Ray's library crashes while it is unloaded."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(BatchError.exit_code)
 
 
 @dataclass

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import filecmp
 import os
+import shutil
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -194,6 +198,70 @@ def test_a_supervisor_that_is_killed_goes_on_with_the_same_bytes(
     again = subprocess.run(command, capture_output=True, text=True, check=False)
 
     assert again.returncode == 6, [*said, again.stderr]  # one is cut off
+    assert same(tmp_path / "here", out)
+
+
+def test_a_head_that_no_longer_listens_is_lost_after_three_looks_and_one_that_does_is_not() -> None:
+    patient = patience.Patience("here", lambda: 1, BatchSetting.of(load_rule_set(RULES), Limits(120.0)))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = f"127.0.0.1:{listener.getsockname()[1]}"
+        head = executors._Head.watched(address, patient)
+        head.check()
+    head.check()
+    head.check()
+    with pytest.raises(BatchError, match=f"scheduler_lost: the head of the cluster at {address} is gone"):
+        head.check()
+    unreachable = executors._Head.watched(address, patient)  # as behind a client: nothing can be said
+    for _ in range(5):
+        unreachable.check()
+
+
+@pytest.fixture
+def head(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Callable[[], None]]]:
+    """The address of a head of its own, and how to kill it with all that it runs."""
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    with socket.create_server(("", 0)) as free:
+        port = free.getsockname()[1]
+    folder = tempfile.mkdtemp(prefix="head-")  # the name of a socket may have 107 bytes
+    start = ["start", "--head", f"--port={port}", "--num-cpus=1", f"--temp-dir={folder}"]
+    start += ["--include-dashboard=false", "--disable-usage-stats"]
+    subprocess.run(
+        [Path(sys.executable).parent / "ray", *start], check=True, capture_output=True, timeout=120
+    )
+
+    def kill() -> None:
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                started = (process / "cmdline").read_bytes()
+                if folder.encode() in started and int(process.name) != os.getpid():
+                    os.kill(int(process.name), signal.SIGKILL)
+
+    yield f"127.0.0.1:{port}", kill
+    kill()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.skipif(not Path("/proc/self/cmdline").is_file(), reason="the head is found by /proc")
+def test_a_head_that_is_killed_ends_the_batch_by_name_and_loses_nothing(
+    head: tuple[str, Callable[[], None]], trials: Path, tmp_path: Path
+) -> None:
+    scheduler, kill = head
+    out = tmp_path / "out"
+    start = [sys.executable, "-m", "ariac_score.cli", "batch", str(trials), "--rules", RULES, "-o", str(out)]
+    on_ray = [*start, "--executor", "ray", "--scheduler", scheduler]
+    with subprocess.Popen(on_ray, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as batch:
+        assert batch.stderr is not None
+        first = next(line for line in batch.stderr if ": scored" in line)
+        kill()
+        said = batch.stderr.read()
+
+    assert batch.returncode == 7, first + said
+    assert "error: scheduler_lost: the head of the cluster" in said
+    assert (out / ".rows.jsonl").read_text(encoding="ascii").count("\n") >= 1
+    assert subprocess.run(start, capture_output=True, check=False).returncode == 6  # one is cut off
+    score(trials, tmp_path / "here", Inline())
     assert same(tmp_path / "here", out)
 
 

@@ -206,7 +206,7 @@ TRAPS: dict[str, tuple[dict[str, str | bytes], str]] = {
         "it is a link or a device",
     ),
     "an archive of members in one another": ({"a.zip": overlapping()}, "lies within"),
-    "an archive that is a bomb": ({"a.zip": bomb()}, "it unpacks to more than"),
+    "an archive that is a bomb": ({"a.zip": bomb()}, "it holds more than"),
     "a log that is a bomb": ({"kitting_1.mcap": b"\x89MCAP0\r\n" + b"\x06" + b"\xff" * 40}, "kitting"),
     "a script in a name": ({f"{SCRIPT}/trial.jsonl": "{}"}, "belongs to no trial"),
 }
