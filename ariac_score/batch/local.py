@@ -189,7 +189,7 @@ class LocalExecutor:
                 for ended in self._ended(running):
                     running.remove(ended)
                     outcome = self._settle(ended, setting)
-                    _end_left_behind(context, ended.pid, running)
+                    _end_left_behind(context, ended.pid)
                     if isinstance(outcome, Done):
                         yield outcome
                     else:
@@ -197,7 +197,7 @@ class LocalExecutor:
         finally:
             for one in running:
                 stop(one.process)
-                _end_left_behind(context, one.pid, ())
+                _end_left_behind(context, one.pid)
 
     def _start(self, context: Any, task: RunTask, deaths: _Deaths, setting: BatchSetting) -> _Running:
         self._serial += 1
@@ -328,13 +328,15 @@ def stop(process: BaseProcess) -> None:
         process.join(_KILLED_S)
 
 
-def _end_left_behind(context: Any, ended: int | None, running: Iterable[_Running]) -> None:
+def _end_left_behind(context: Any, ended: int | None) -> None:
     """End what a run started and left behind: it would hold memory, files and the fork server for ever."""
     server = None
     if context.get_start_method() == "forkserver":
         # No public name: in each supported version of Python it is this one, and without it less is found.
         server = getattr(forkserver._forkserver, "_forkserver_pid", None)  # type: ignore[attr-defined]
-    end_children(server, ended, [one.pid for one in running if one.pid is not None], _CHILDREN_S)
+    # Whatever this process has started goes on, such as other runs, and processes that price.
+    ours = [process.pid for process in multiprocessing.active_children() if process.pid is not None]
+    end_children(server, ended, ours, _CHILDREN_S)
 
 
 def fresh_processes(work: Path, setting: BatchSetting) -> Any:
