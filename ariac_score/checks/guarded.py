@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from numbers import Real
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_type_hints
 
 from ariac_score.checks.contracts import (
     Decoded,
@@ -164,12 +169,33 @@ class GuardedDecoder:
         return decoded
 
 
-def _took_over_fields(decoded: Decoded | None) -> bool:
-    """Whether a field of a message of text was taken over that has parts, or is no text in an event."""
-    if isinstance(decoded, Event):
-        return not all(isinstance(text, str) for text in (decoded.kind, decoded.subject, decoded.detail))
-    fields = getattr(decoded, "__dataclass_fields__", ())
-    return any(isinstance(getattr(decoded, name), SimpleNamespace) for name in fields)
+def _took_over_fields(made: object) -> bool:
+    """Whether something of a message of text stands, at any depth, where what was made of it has another type."""
+    if isinstance(made, SimpleNamespace):
+        return True
+    if isinstance(made, tuple | list):
+        return any(map(_took_over_fields, made))
+    if isinstance(made, Mapping):
+        return any(map(_took_over_fields, (*made.keys(), *made.values())))
+    if not is_dataclass(made) or isinstance(made, type):
+        return False
+    told = ((getattr(made, name, None), kind) for name, kind in _plain_fields(type(made)))
+    return any(not isinstance(value, kind) for value, kind in told) or any(
+        _took_over_fields(getattr(made, one.name, None)) for one in fields(made)
+    )
+
+
+_PLAIN: Mapping[object, type] = {str: str, bool: bool, int: Real, float: Real}
+
+
+@cache
+def _plain_fields(kind: type) -> tuple[tuple[str, type], ...]:
+    """The fields of a dataclass that hold one text or number, and what each must be."""
+    try:
+        hints = get_type_hints(kind)
+    except Exception:  # noqa: BLE001  # a stranger's annotations may name what is not there
+        return ()
+    return tuple((name, _PLAIN[hint]) for name, hint in hints.items() if hint in (str, bool, int, float))
 
 
 def _misfits(message: object, cause: BaseException) -> bool:

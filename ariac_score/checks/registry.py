@@ -14,7 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -179,6 +179,7 @@ class Plugin(Point):
             )
 
 
+@cache
 def not_by_name(kind: Any) -> str:
     """Which argument of a class cannot be given by name, as rule sets give them; empty when all can.
 
@@ -325,7 +326,8 @@ class Registry:
         self._providers: dict[tuple[str, str], list[Plugin]] = {}
         self._files: dict[Plugin, list[DataFile]] = {}
         for point in installed_points():
-            self._providers.setdefault((point.group, point.name), []).append(Plugin(*astuple(point)))
+            plugin = Plugin(point.name, point.group, point.target, point.distribution, point.version)
+            self._providers.setdefault((point.group, point.name), []).append(plugin)
 
     def groups(self) -> list[str]:
         """Every group of ours that something is installed in, sorted."""
