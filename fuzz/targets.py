@@ -122,7 +122,7 @@ def _empty(folder: Path) -> None:
             if entry.is_dir(follow_symlinks=False):
                 rmtree(entry.path)
             else:
-                os.unlink(entry.path)
+                Path(entry.path).unlink()
 
 
 @contextmanager

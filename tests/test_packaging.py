@@ -13,8 +13,10 @@ from pathlib import Path
 import pytest
 
 from ariac_score.checks.contracts import GROUPS
+from ariac_score.checks.registry import package_sha256
 from ariac_score.cli.example import examples
 from ariac_score.logs.logmap import log_map_names
+from ariac_score.review.wheels import packages_of_wheel
 from ariac_score.scoring.ruleset import rule_set_names
 
 ROOT = Path(__file__).parents[1]
@@ -161,3 +163,12 @@ def test_the_same_checkout_gives_the_same_wheel(tmp_path: Path) -> None:
         hashes.append(hashlib.sha256(path.read_bytes()).hexdigest())
 
     assert hashes[0] == hashes[1]
+
+
+def test_the_wheel_has_the_code_that_results_name(wheel: zipfile.ZipFile) -> None:
+    assert wheel.filename
+    found = packages_of_wheel(Path(wheel.filename).read_bytes())
+
+    ours = {name for name in found if (ROOT / name).is_dir() or (ROOT / "plugins" / name).is_dir()}
+    assert {"ariac_score", "ariac_score_ariac", "ariac_score_rml"} <= ours
+    assert {name: found[name] for name in ours} == {name: package_sha256(name) for name in ours}

@@ -34,6 +34,7 @@ __all__ = [
     "Written",
     "check_index",
     "checked_rows",
+    "is_object",
     "read_rows",
     "recorded_document",
     "refuse_other_rules",
@@ -309,7 +310,7 @@ def recorded_document(row: Row, root: Path) -> bytes:
     Raises:
         BatchError: It is missing, or another.
     """
-    if not _is_object(row.object):
+    if not is_object(row.object):
         raise BatchError(f"{row.object!r} is no place of a result", file=root / RUNS, hint=AGAIN)
     source = root / row.object
     try:
@@ -346,7 +347,7 @@ def _newer(document: bytes) -> str:
         return ""
 
 
-def _is_object(name: str) -> bool:
+def is_object(name: str) -> bool:
     """Whether a name, which comes out of a file, leads to a result and nowhere else."""
     parts = name.split("/")
     return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)

@@ -285,6 +285,92 @@ class Storage:
             )
         return size
 
+    def named(self, name: str) -> Stored | None:
+        """A file below the folder, if there is one.
+
+        Raises:
+            UnreachableError: The storage does not answer.
+            UsageError: It wants other credentials.
+        """
+        path = self._below(name)
+        try:
+            return _stored(self._info(path), path, name)
+        except NothingToScoreError:
+            return None
+
+    def get(self, files: Mapping[str, Path]) -> None:
+        """Fetch files below the folder, some at a time; one that is not there is left out.
+
+        Raises:
+            OSError: The disk is full.
+            UnreachableError: The storage does not answer.
+            UsageError: It wants other credentials.
+        """
+
+        def one(name: str, into: Path) -> None:
+            file = self.named(name)
+            if file is not None:
+                self.fetch(file, into, within_s=LISTING_S)
+
+        with ThreadPoolExecutor(_AT_A_TIME) as pool:
+            list(pool.map(one, files.keys(), files.values()))
+
+    def put(self, files: Mapping[str, Path]) -> None:
+        """Write files below the folder, some at a time, each complete or not at all.
+
+        Raises:
+            OSError: One cannot be read.
+            UnreachableError: The storage does not answer.
+            UsageError: It wants other credentials.
+        """
+        with ThreadPoolExecutor(_AT_A_TIME) as pool:
+            list(pool.map(self._put, files.keys(), files.values()))
+
+    def put_unless_changed(self, name: str, file: Path, before: Stored | None) -> bool:
+        """Write a file unless another one lies there than was seen before; whether it was written.
+
+        Storages of the kind of S3 make sure of that; of others the look and the write are two steps.
+        """
+        condition: dict[str, str] = {}
+        if "s3" in _protocols(self._system):
+            tag = "" if before is None else before.identity.removeprefix("ETag=")
+            condition = {"IfMatch": tag} if tag else {"IfNoneMatch": "*"}
+        elif self.named(name) != before:
+            return False
+        return self._put(name, file, condition)
+
+    def _put(self, name: str, file: Path, condition: Mapping[str, str] | None = None) -> bool:
+        path, content = self._below(name), file.read_bytes()
+
+        def request() -> bool:
+            try:
+                if "file" in _protocols(self._system):
+                    self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
+                self._system.pipe_file(path, content, **(condition or {}))
+            except Exception as cause:
+                if condition and _status(cause) in (409, 412):
+                    return False
+                raise
+            return True
+
+        try:
+            return self._ask(request, path, within_s=LISTING_S)
+        except UsageError as error:
+            raise UsageError(
+                error.cause.replace("may not be read", "may not be written"),
+                file=shown(path),
+                hint="give this machine credentials that may write there",
+            ) from None
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if there is one."""
+        if self.named(name) is not None:
+            self._ask(lambda: self._system.rm_file(self._below(name)), within_s=ANSWER_S)
+
+    def _below(self, name: str) -> str:
+        check_inside(name, self.uri)
+        return f"{self.path.rstrip('/')}/{name}"
+
     def ranges(self, file: Stored, into: Path) -> RangedFile | None:
         """A file of which parts are fetched when they are read; `None` where only the whole is served.
 
@@ -428,6 +514,11 @@ def _opened(uri: str) -> tuple[Any, str]:
             hint="write s3://BUCKET/FOLDER, gs://BUCKET/FOLDER or https://HOST/FOLDER/",
         ) from None
     return system, path
+
+
+def _protocols(system: Any) -> tuple[str, ...]:
+    stated = system.protocol
+    return (stated,) if isinstance(stated, str) else tuple(stated)
 
 
 def _stored(info: Mapping[str, Any], path: str, name: str) -> Stored:

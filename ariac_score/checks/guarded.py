@@ -170,7 +170,7 @@ class GuardedDecoder:
 
 
 def _took_over_fields(made: object) -> bool:
-    """Whether something of a message of text stands, at any depth, where what was made of it has another type."""
+    """Whether something of a message of text stands, at any depth, where another type belongs."""
     if isinstance(made, SimpleNamespace):
         return True
     if isinstance(made, tuple | list):

@@ -12,7 +12,7 @@ import hashlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -498,17 +498,31 @@ def package_sha256(package: str) -> str:
         root = files[0].parent
     elif roots:
         root = Path(roots[0])
-        files = sorted(p for p in root.rglob("*.py") if p.relative_to(root).parts[0] not in _DATA_PACKAGES)
+        files = sorted(p for p in root.rglob("*.py") if is_code(p.relative_to(root).as_posix()))
     else:
         raise PluginError(f"package {package!r} is not on disk")
+    return code_sha256((file.relative_to(root).as_posix(), file.read_bytes()) for file in files)
+
+
+def code_sha256(files: Iterable[tuple[str, bytes]]) -> str:
+    """Hash of the Python files of a package, wherever they lie.
+
+    Args:
+        files: Names within the package, with `/`, and contents; sorted by the parts of the names.
+    """
     digest = hashlib.sha256()
-    for file in files:
+    for name, raw in files:
         # A checkout on Windows may have other line ends than the wheel made from it.
-        content = file.read_bytes().replace(b"\r\n", b"\n")
+        content = raw.replace(b"\r\n", b"\n")
         # With name and length, so that no two sets of files can run into the same bytes.
-        digest.update(f"{file.relative_to(root).as_posix()}\0{len(content)}\0".encode())
+        digest.update(f"{name}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
+
+
+def is_code(name: str) -> bool:
+    """Whether a file of a package, by its name within it, counts for the hash of its code."""
+    return name.endswith(".py") and name.partition("/")[0] not in _DATA_PACKAGES
 
 
 def _as_dataclass(value: Any, kind: type) -> Any:

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ariac_score.batch.bucket import Bucket, brought, mirror_of
 from ariac_score.batch.description import Shard
 from ariac_score.batch.executors import make_executor
 from ariac_score.batch.remote import LISTING_S, UnreachableError, is_uri, shown
@@ -45,7 +46,13 @@ def register(commands: Any) -> None:
         "also by URI: s3://, gs://, https://",
     )
     parser.add_argument("--rules", default="", metavar="NAME", help="rule set; a competition names its own")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the batch")
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help="folder of the batch; also by URI of an object storage: s3://, gs://",
+    )
     parser.add_argument(
         "-j", "--jobs", type=int, default=0, metavar="N", help="runs at a time; default: one for each core"
     )
@@ -104,7 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
     for shortfall in shortfalls():
         note(arguments, f"this system has {shortfall}")
     part = shard(arguments.shard) if arguments.shard else (1, 1)
-    _refuse_uri(arguments.output)
+    arguments.bucket = arguments.output if is_uri(arguments.output) else ""
+    arguments.output = mirror_of(arguments.bucket) if arguments.bucket else Path(arguments.output)
     limits = Limits(
         arguments.time_limit_s,
         arguments.memory_mb << 20,
@@ -159,9 +167,10 @@ def _run(
         named = signers_of(plan.competition, rule_set.authority)
     keys = keys_asked_for(named, str(arguments.public_key))
     store = Store(arguments.output)
+    bucket = Bucket(arguments.bucket, store.root) if arguments.bucket else None
     tasks = list(of_shard(plan.tasks, *part))
     try:
-        with store.working() as work, progress_of(arguments, len(tasks)) as progress:
+        with store.working() as work, brought(bucket, work), progress_of(arguments, len(tasks)) as progress:
             executor = make_executor(
                 arguments.executor,
                 jobs=arguments.jobs,
@@ -185,20 +194,11 @@ def _run(
                 on_unsigned=lambda reason: note(arguments, f"scored again, not taken from there: {reason}"),
             )
     except KeyboardInterrupt:
-        print("interrupted; what was scored is kept, and the same command goes on", file=sys.stderr)
+        where = " on this machine" if bucket else ""
+        print(f"interrupted; what was scored is kept{where}, and the same command goes on", file=sys.stderr)
         return 2
-    _show(report, plan, arguments.output)
+    _show(report, plan, shown(arguments.bucket) or str(arguments.output))
     return EXIT_UNSETTLED if report.unsettled else 0
-
-
-def _refuse_uri(output: Path) -> None:
-    """Refuse to make a folder with the name of a URI."""
-    if ":/" in str(output):  # `Path` has made one slash of two
-        raise UsageError(
-            "a batch is written to a folder of this machine",
-            file=output,
-            hint="name a local folder, and copy it there afterwards",
-        )
 
 
 def _refuse_inside(output: Path, path: Path) -> None:
@@ -217,7 +217,7 @@ def _is_competition(folder: Path) -> bool:
     return (folder / "competition.yaml").is_file() or (folder / "logs").is_dir()
 
 
-def _show(report: Report, plan: BatchPlan, out: Path) -> None:
+def _show(report: Report, plan: BatchPlan, out: str) -> None:
     print(f"{plain(plan.id)}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
     if report.cpu_s:
         print(f"{report.scored_now} scored now, in {report.cpu_s:.1f} s of processor time")
@@ -229,4 +229,4 @@ def _show(report: Report, plan: BatchPlan, out: Path) -> None:
         print(f"{rows} of the tables contradicted the stored results and {verb} made again")
     for stranger in plan.strangers:
         print(f"no run, skipped: {plain(stranger)}")
-    print(f"results: {plain(str(out))} (runs.jsonl to read, index.sqlite to query)")
+    print(f"results: {plain(out)} (runs.jsonl to read, index.sqlite to query)")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.bucket import fetched_batch
 from ariac_score.batch.export import TABLES, table_csv, write_parquet, write_partitions
 from ariac_score.cli.notes import counted
 from ariac_score.cli.outcome import add_output, show
@@ -24,9 +24,8 @@ def register(commands: Any) -> None:
     )
     parser.add_argument(
         "result",
-        type=Path,
         metavar="RESULT|BATCH",
-        help="JSON written by 'score -o FILE.json'; or the folder of a batch",
+        help="JSON written by 'score -o FILE.json'; or the folder of a batch, also by URI: s3://, gs://",
     )
     parser.add_argument(
         "--table", choices=TABLES, default="runs", help="which table of a batch; default: runs"
@@ -42,6 +41,12 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load and show; the same output and exit codes as `score`."""
+    with fetched_batch(arguments.result) as here:
+        arguments.result = here
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments.output, arguments.result)
     if arguments.by is not None and not arguments.result.is_dir():
         raise UsageError("--by is for the tables of a batch", hint="name the folder of a batch")

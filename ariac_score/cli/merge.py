@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.bucket import Bucket, brought, fetched_batches, mirror_of
 from ariac_score.batch.merge import merge_batches
+from ariac_score.batch.remote import is_uri, shown
 from ariac_score.batch.store import Store
 from ariac_score.cli.batch import EXIT_UNSETTLED
 from ariac_score.cli.batch_progress import outcomes_text
@@ -22,8 +24,12 @@ def register(commands: Any) -> None:
         description="Join the folders that 'batch --shard' wrote. The result has the same bytes as one batch "
         "of all runs.",
     )
-    parser.add_argument("output", type=Path, metavar="OUT", help="folder of the joined batch")
-    parser.add_argument("parts", type=Path, nargs="+", metavar="PART", help="folder of a shard")
+    parser.add_argument(
+        "output",
+        metavar="OUT",
+        help="folder of the joined batch; also by URI of an object storage: s3://, gs://",
+    )
+    parser.add_argument("parts", nargs="+", metavar="PART", help="folder of a shard; also by URI")
     parser.add_argument("--mixed-code", action="store_true", help="also join results of different code")
     parser.add_argument(
         "--public-key",
@@ -36,20 +42,28 @@ def register(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Join the parts, and print the number of runs and outcomes."""
-    if arguments.output.resolve() in [part.resolve() for part in arguments.parts]:
+    if _named(arguments.output) in map(_named, arguments.parts):
         raise UsageError(
             "a part cannot be joined into itself",
-            file=arguments.output,
+            file=shown(arguments.output),
             hint="give a new folder as the first argument",
         )
-    store = Store(arguments.output)
-    with store.working() as work:
+    there = is_uri(arguments.output)
+    store = Store(mirror_of(arguments.output) if there else Path(arguments.output))
+    bucket = Bucket(arguments.output, store.root) if there else None
+    with store.working() as work, brought(bucket, work), fetched_batches(arguments.parts) as parts:
         report = merge_batches(
-            arguments.parts,
+            parts,
             store,
             work,
             mixed_code=arguments.mixed_code,
             public_key=str(arguments.public_key),
         )
-    print(f"{plain(str(arguments.output))}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
+    out = plain(shown(arguments.output))
+    print(f"{out}: {counted(report.runs, 'run')}: {outcomes_text(report.outcomes)}")
     return EXIT_UNSETTLED if report.unsettled else 0
+
+
+def _named(given: str) -> str | Path:
+    """What two names of one folder have in common."""
+    return given.rstrip("/") if is_uri(given) else Path(given).resolve()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.bucket import fetched_batch
 from ariac_score.batch.results import results_of_batch
 from ariac_score.cli.notes import is_quiet, note
 from ariac_score.cli.outcome import FORMAT_HELP
@@ -80,9 +81,8 @@ def register(commands: Any) -> None:
     )
     parser.add_argument(
         "--batch",
-        type=Path,
         metavar="DIR",
-        help="take the results from this folder, which 'batch' wrote, instead of scoring",
+        help="take the results from this folder, which 'batch' wrote, instead of scoring; also by URI",
     )
     parser.add_argument(
         "--mixed-code",
@@ -120,14 +120,15 @@ def run(arguments: argparse.Namespace) -> int:
     keys = keys_asked_for(signers_of(competition, rule_set.authority), str(arguments.public_key))
     refuse_unsigned_decisions(arguments.adjustments, competition, keys)
     if arguments.batch is not None:
-        results = results_of_batch(
-            arguments.batch,
-            competition,
-            rule_set,
-            sketches=arguments.results is not None,
-            mixed_code=arguments.mixed_code,
-            signed_by=keys,
-        )
+        with fetched_batch(arguments.batch) as folder:
+            results = results_of_batch(
+                folder,
+                competition,
+                rule_set,
+                sketches=arguments.results is not None,
+                mixed_code=arguments.mixed_code,
+                signed_by=keys,
+            )
     else:
         with counting_bar("scoring", len(competition.runs), quiet=is_quiet(arguments)) as step:
             results = score_runs(

@@ -77,6 +77,14 @@ def register(commands: Any) -> None:
         action="store_true",
         help="run the files of code beside the rule set (--rules), if they are those that the result states",
     )
+    parser.add_argument(
+        "--wheel",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="a wheel that must have the code that the result names; again for those of plugins",
+    )
     parser.add_argument("--output-format", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(run=run)
 
@@ -107,12 +115,13 @@ def run(arguments: argparse.Namespace) -> int:
             public_key=str(arguments.public_key),
             signature=arguments.signature if isinstance(arguments.signature, Path) else None,
             local_plugins=arguments.local_plugins,
+            wheels=arguments.wheel,
         )
     return _shown(found, arguments)
 
 
 def _ranking(arguments: argparse.Namespace) -> Verification:
-    for name in ("log_map", "trial_config", "cohort", "local_plugins"):
+    for name in ("log_map", "trial_config", "cohort", "local_plugins", "wheel"):
         if getattr(arguments, name):
             option = f"--{name.replace('_', '-')}"
             raise UsageError(f"{option} is for a result, and this is a ranking", hint=f"leave out {option}")

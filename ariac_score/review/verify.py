@@ -45,6 +45,7 @@ from ariac_score.results.signing import check_signature, keys_asked_for
 from ariac_score.review.computed_again import compared_with_log, competition_at, installed_rules
 from ariac_score.review.differences import SHOWN, differences, listed
 from ariac_score.review.steps import FAILED, NOTE, OK, OPEN, Step, Verification
+from ariac_score.review.wheels import check_wheels
 from ariac_score.scoring.policy import OPEN as OPEN_POLICY
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set, rule_set_from_text
 
@@ -64,6 +65,7 @@ def verify_result(
     signature: Path | None = None,
     registry: Registry | None = None,
     local_plugins: bool = False,
+    wheels: Sequence[Path] = (),
 ) -> Verification:
     """Check a stored result.
 
@@ -82,6 +84,7 @@ def verify_result(
         registry: The installed plugins.
         local_plugins: Whether files of code beside the rule set may run, where they are those that the
             result states; it counts where no `registry` is given.
+        wheels: Files of wheels that must have the code that the result names.
 
     Raises:
         ResultError: The file is no JSON at all, or another kind of document.
@@ -102,6 +105,8 @@ def verify_result(
     steps = [*_by_itself(result, text, data["schema"]), _rules(result, root)]
     steps.append(_code(result, files_run=local_plugins and log is not None, with_log=log is not None))
     decided = adjustments or (competition.adjustments if competition is not None else None)
+    if wheels:
+        steps += check_wheels(result.provenance.code, wheels)
     if result.adjusted is not None or adjustments is not None:
         steps.append(_adjustments(result, decided))
         if decided is not None and result.adjusted is not None and keys:
