@@ -337,6 +337,7 @@ def _chunk(records: bytes, *, size: int | None = None, crc: int = 0, compression
 
 
 CHANNEL = _record(0x04, struct.pack("<HH", 1, 0) + _text("/x") + _text("cdr") + struct.pack("<I", 0))
+SCHEMA = _record(0x03, struct.pack("<H", 1) + _text("a/msg/A") + _text("ros2msg") + _text("int8 a"))
 MESSAGE = _record(0x05, struct.pack("<HIQQ", 1, 0, 5, 5))
 
 
@@ -351,6 +352,7 @@ MESSAGE = _record(0x05, struct.pack("<HIQQ", 1, 0, 5, 5))
             [CHANNEL.replace(struct.pack("<HH", 1, 0), struct.pack("<HH", 1, 9))],
             "schema 9, which is not declared",
         ),
+        ([SCHEMA, SCHEMA.replace(b"int8 a", b"int8 b")], "schema 1 is declared twice, differently"),
         ([_record(0x00, b"")], "record type 0x00 cannot stand here"),
         ([_chunk(_chunk(b""))], "record 0x06"),
         ([_record(0x06, bytes(31))], "its head has 31 bytes"),
@@ -727,3 +729,15 @@ def test_more_steps_than_any_honest_file_needs_end_the_reading(
     monkeypatch.setattr(sqlite_bag, "STEPS_PER_BYTE", 0)
     with pytest.raises(LogError, match="interrupted"):
         _messages_in(path)
+
+
+def test_a_sqlite_bag_of_more_than_two_gigabytes_is_read(tmp_path: Path) -> None:
+    """SQLite takes no larger limit; the bytes behind the pages that its header counts are a hole."""
+    path = write_bag(tmp_path / "t.db3", MESSAGES, storage="sqlite3")
+    with path.open("r+b") as file:
+        file.truncate((1 << 31) + 4096)
+
+    found = READER.describe(path)
+
+    assert [(topic.name, topic.count) for topic in found.topics] == [("/snapshot", 60)]
+    assert not found.damage

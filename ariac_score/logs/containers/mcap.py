@@ -330,8 +330,10 @@ class McapScan(ChunkedScan):
         name, at = _text(body, 2)
         encoding, at = _text(body, at)
         definition, _ = _text(body, at)
-        # The summary repeats all schemas; the first declaration counts.
-        self._schemas.setdefault(key, (normalised_type(name), encoding, definition))
+        declared = (normalised_type(name), encoding, definition)
+        # The summary repeats all schemas. Of two that differ, readers take the first or the last.
+        if self._schemas.setdefault(key, declared) != declared:
+            raise ValueError(f"schema {key} is declared twice, differently")
 
     def _declare_channel(self, body: _Body) -> Iterator[Connection]:
         key, schema = struct.unpack_from("<HH", body)

@@ -46,6 +46,8 @@ STEPS_PER_BYTE = 20
 tens of bytes. A hostile schema can make it any number, in checks and indexes of its own."""
 _STEPS_AT_ONCE = 100_000
 _SMALLEST_LENGTH = 1_000_000
+_LARGEST_LENGTH = (1 << 31) - 1
+"""What SQLite takes for a limit; a recording may be larger."""
 
 _BATCH_BYTES = 4 << 20
 _BATCH_ROWS = 8192
@@ -95,7 +97,8 @@ class SqliteScan:
                     # Whether the indexes agree with the rows does not matter, so the quick check is enough:
                     # it finds pages that are lost, used twice, out of order, or not what their lengths say.
                     ((verdict,),) = bag.execute("PRAGMA quick_check(1)")
-                    fault = "" if verdict == "ok" else f"SQLite finds it damaged: {verdict}"
+                    words = "; ".join(str(verdict).splitlines())
+                    fault = "" if verdict == "ok" else f"SQLite finds it damaged: {words}"
         except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError) as error:
             cause, place = fault or f"SQLite cannot read on: {error}", f"after {self._readable}"
             raise self._error(cause, place, cut=damage.is_cut) from error
@@ -125,7 +128,7 @@ class SqliteScan:
                 bag.execute("PRAGMA ignore_check_constraints=ON")  # they would be computed for each row
                 bag.set_progress_handler(_patience(self.path.stat().st_size), _STEPS_AT_ONCE)
                 if hasattr(bag, "setlimit"):  # from Python 3.11 on
-                    longest = max(self.path.stat().st_size, _SMALLEST_LENGTH)
+                    longest = min(max(self.path.stat().st_size, _SMALLEST_LENGTH), _LARGEST_LENGTH)
                     bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
                 yield bag
 
