@@ -143,7 +143,8 @@ def derive_signals(
     """The trial with every wanted signal that can be derived from what it records.
 
     Args:
-        trial: As read. What it assumes of the time between samples bounds speeds that late stamps make too high.
+        trial: As read. What it assumes of the time between samples bounds speeds that late stamps make
+            too high.
         wanted: What monitors need; a quantity wanted twice takes the shorter gap.
         speed_window_s: Half width of the centred difference, s; 0 means two samples.
         brought: How plugins compute further quantities; ours count where both know one.
