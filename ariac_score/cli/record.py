@@ -113,7 +113,20 @@ def bag_command(recording: Recording, output: Path) -> list[str]:
     # Whoever records services by name must not name their events among the topics as well.
     topics = sorted({*recording.topics, *OWN_TOPICS} - set(events))
     if recording.ros == "1":
-        return ["rosbag", "record", "-O", f"{output}.bag", "--lz4", "--tcpnodelay", "-b", "1024", *topics]
+        # What a killed bag loses is its last chunk, and 768 KB, the default, can be a whole trial.
+        small = ["--chunksize", "64"]
+        return [
+            "rosbag",
+            "record",
+            "-O",
+            f"{output}.bag",
+            "--lz4",
+            "--tcpnodelay",
+            "-b",
+            "1024",
+            *small,
+            *topics,
+        ]
     command = ["ros2", "bag", "record", "-o", str(output)]
     if recording.ros != "galactic":  # it knows neither MCAP nor simulated time
         command += ["-s", "mcap"]
