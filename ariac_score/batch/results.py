@@ -6,10 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ariac_score.batch.description import load_description
-from ariac_score.batch.index import RUNS, Row, read_rows, recorded_document, refuse_other_rules
+from ariac_score.batch.index import AGAIN, RUNS, Row, read_rows, recorded_document, refuse_other_rules
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.provenance import code_of
-from ariac_score.errors import FormulaError, LogError, ResultError, RunEndedError, ScoreError, UsageError
+from ariac_score.errors import (
+    BatchError,
+    FormulaError,
+    LogError,
+    ResultError,
+    RunEndedError,
+    ScoreError,
+    UsageError,
+)
 from ariac_score.ranking.competition import Competition, RunKey, registry_for
 from ariac_score.ranking.runs import without_sketch
 from ariac_score.results.result import Code, Pinned, Result
@@ -83,6 +91,12 @@ def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
         try:
             # A document with the hash of the tables needs no second look: it was priced when it was made.
             result = result_in(recorded_document(row, folder), folder / row.object, known=True)
+            if summary.outcome == "scored" and result.final is not None and float(result.final) != row.score:
+                raise BatchError(
+                    f"its row says {row.score}, the result {result.final:f}",
+                    file=folder / row.object,
+                    hint=AGAIN,
+                )
             return result if sketches else without_sketch(result)
         except ResultError:
             if not summary.reason:

@@ -19,6 +19,7 @@ from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.ranking.totals import Total
 from ariac_score.report.ranking import ranking_csv, ranking_text
+from ariac_score.results.result import Pinned
 
 Run = int | tuple[int, int] | None
 """A score, the ends of an open one, or nothing of a log that was lost."""
@@ -46,7 +47,7 @@ def made(scores: Mapping[str, Sequence[Sequence[Run]]], keep: int = 1) -> Rankin
         total = sum((cell.score for cell in cells.values()), Decimal(0))
         standings.append(TeamRank(None, team, team, float(total), total, None, {}, cells))
     standings.sort(key=lambda standing: -standing.execution)
-    return Ranking("made", "", ("r", ""), tuple(trials), tuple(standings), tuple(runs), None)  # type: ignore[arg-type]
+    return Ranking("made", "", Pinned("r", ""), tuple(trials), tuple(standings), tuple(runs), None)
 
 
 def found(scores: Mapping[str, Sequence[Sequence[Run]]], **of: object) -> dict[str, Selection]:
@@ -121,7 +122,7 @@ def test_where_runs_are_chosen_by_another_key_that_order_counts() -> None:
         for r in ranking.runs
     )
     (a, _) = selections(
-        Ranking("m", "", ("r", ""), ranking.trials, ranking.standings, runs, None),  # type: ignore[arg-type]
+        Ranking("m", "", Pinned("r", ""), ranking.trials, ranking.standings, runs, None),
         spec,
         3,
     )
