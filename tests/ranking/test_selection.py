@@ -144,7 +144,7 @@ def test_text_and_csv_have_them_side_by_side() -> None:
     sure = Statistics(Intervals(), selection=selections(ranking, Spec(), 3))
 
     text = ranking_text(ranking, statistics=sure)
-    assert "  five          9              6.2 (rank 2)  6.2 (rank 2)\n" in text
+    assert "  five          9               6.2 (rank 2)  6.2 (rank 2)\n" in text
     assert "choosing rewards luck" in text
     assert (
         ranking_csv(ranking, sure)
