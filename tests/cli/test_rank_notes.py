@@ -96,3 +96,42 @@ def test_stored_results_of_other_rules_or_other_code_are_said(
     assert (
         "made by other code than is installed here: ariac_score of ariac-score 0.0.9, 111111111111…" in said
     )
+
+
+def test_recordings_that_two_runs_share_are_named_at_both_teams(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place in ("a/kit_1.jsonl", "b/kit_1.jsonl", "c/kit_1.jsonl"):
+        (tmp_path / place).parent.mkdir()
+    log = write_trial_log(tmp_path / "a/kit_1.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    (tmp_path / "b/kit_1.jsonl").write_bytes(log.read_bytes())
+    write_trial_log(tmp_path / "c/kit_1.jsonl", kitting_trial(seed=7), signals=SNAPSHOT_SIGNALS)
+    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
+    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+
+    assert main(["rank", str(tmp_path)]) == 0
+
+    out = capsys.readouterr().out
+    assert "  a: kit, run 1: its recording is, byte for byte, also that of b, kit, run 1\n" in out
+    assert "  b: kit, run 1: its recording is, byte for byte, also that of a, kit, run 1\n" in out
+    assert "  c: kit" not in out
+
+
+@pytest.mark.slow
+def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    write_trial_log(Path("a/kit_1.jsonl"), kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
+    Path("competition.yaml").write_text(text, encoding="utf-8")
+    assert main(["batch", ".", "-o", "season", "-j", "1"]) == 0
+    table = Path("season/runs.jsonl")
+    row = json.loads(table.read_text(encoding="utf-8"))
+    table.write_text(json.dumps({**row, "score": 99.0}) + "\n", encoding="utf-8")
+
+    assert main(["rank", ".", "--batch", "season"]) == 7
+
+    assert "its row says 99.0, the result" in capsys.readouterr().err
