@@ -238,8 +238,9 @@ def _other_code(
 ) -> Iterator[str]:
     """Where the first result that is kept with the ranking was made by other code than this."""
     folder = results_folder(publication, path)
-    for key, stored in publication.results.items() if folder is not None else ():
-        assert folder is not None  # else there is nothing to go through
+    if folder is None:
+        return
+    for key, stored in publication.results.items():
         now = again.get(key)
         try:
             then = load_result(folder / stored.file)
