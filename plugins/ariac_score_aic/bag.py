@@ -398,15 +398,17 @@ def _defects(messages: AicMessages) -> Iterable[LogDefect]:
         )
     refused = refused_rows(messages.transforms)
     if refused.any():
-        frames = sorted({messages.transforms.names[code] for code in messages.transforms.child[refused].tolist()})
+        frames = sorted(
+            {messages.transforms.names[code] for code in messages.transforms.child[refused].tolist()}
+        )
         shown = ", ".join(name or "(no name)" for name in frames[:_SHOWN])
         more = f" and {len(frames) - _SHOWN} more" if len(frames) > _SHOWN else ""
         yield LogDefect(
             "refused_transforms",
             messages.name,
             int(refused.sum()),
-            f"tf2 refuses transforms of {shown}{more}: a quaternion whose norm is not 1, a number that is none, "
-            "or a frame without a name or below itself; they do not count",
+            f"tf2 refuses transforms of {shown}{more}: a quaternion whose norm is not 1, a number that is "
+            "none, or a frame without a name or below itself; they do not count",
         )
     if CONTROLLER not in messages.topics:
         yield LogDefect(

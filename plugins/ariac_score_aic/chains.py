@@ -369,9 +369,9 @@ def _between(older: FloatArray, newer: FloatArray, share: FloatArray) -> FloatAr
     """Between transforms: straight, and turning the shorter way at an even rate."""
     rest = 1.0 - share
     a, b = older[:, 3:], newer[:, 3:]
-    dot = np.einsum("ij,ij->i", a, b)
+    dot = (a * b).sum(axis=1)
     b = np.where(dot[:, np.newaxis] < 0, -b, b)
-    scale = np.sqrt(np.einsum("ij,ij->i", a, a) * np.einsum("ij,ij->i", b, b))
+    scale = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
     angle = np.arccos(np.minimum(1.0, np.abs(dot) / scale))
     still = angle == 0.0
     sine = np.where(still, 1.0, np.sin(angle))

@@ -20,6 +20,7 @@ from ariac_score import (
     WorkItem,
     Worlds,
     check_parameters,
+    exact_sum,
     parameter,
 )
 from ariac_score_aic import charts
@@ -114,14 +115,15 @@ class ForceBounds:
         if not len(stamps):
             whole_s = max(end_ns - begin_ns, 0) / 1e9
             return 0.0, whole_s, whole_s
-        steps_s = np.diff(stamps) / 1e9
-        seen = steps_s <= self.max_gap_s
-        least_s = float(steps_s[seen & above[1:] & above[:-1]].sum())
-        either_s = float(steps_s[seen & (above[1:] | above[:-1])].sum())
+        # In whole nanoseconds: a time of exactly the limit is not above it, however many steps make it up.
+        steps_ns = np.diff(stamps)
+        seen = steps_ns / 1e9 <= self.max_gap_s
+        least_ns = int(steps_ns[seen & above[1:] & above[:-1]].sum())
+        either_ns = int(steps_ns[seen & (above[1:] | above[:-1])].sum())
         # As one says of both ends: up to the first and after the last sample there is one step, or a gap.
-        ends_s = [max(int(stamps[0]) - begin_ns, 0) / 1e9, max(end_ns - int(stamps[-1]), 0) / 1e9]
-        unseen_s = float(steps_s[~seen].sum()) + sum(one for one in ends_s if one > self.max_gap_s)
-        return least_s, either_s + unseen_s, unseen_s
+        ends_ns = [max(int(stamps[0]) - begin_ns, 0), max(end_ns - int(stamps[-1]), 0)]
+        unseen_ns = int(steps_ns[~seen].sum()) + sum(one for one in ends_ns if one / 1e9 > self.max_gap_s)
+        return least_ns / 1e9, (either_ns + unseen_ns) / 1e9, unseen_ns / 1e9
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,8 @@ class WatchedContacts:
                 yield finding
                 continue
             times, recorded = consumed.messages.contact_ns, consumed.messages.recorded_ns or (0, 0)
-            pauses_s = np.diff(np.concatenate([[recorded[0]], times, [recorded[1]]])) / 1e9
-            silent_s = float(pauses_s[pauses_s > self.max_gap_s].sum())
+            pauses_ns = np.diff(np.concatenate([[recorded[0]], times, [recorded[1]]]))
+            silent_s = int(pauses_ns[pauses_ns / 1e9 > self.max_gap_s].sum()) / 1e9
             if silent_s > 0:
                 why = f"no contact was reported, and {CONTACTS} was silent for {silent_s:.3f} s"
                 yield Finding.inconclusive(item.id, why)
@@ -245,11 +247,11 @@ class TaskPath:
         steps_s = np.diff(stamps) / 1e9
         reach_m = self.max_speed_m_s * steps_s - steps_m
         ends_s = [(int(stamps[0]) - begin_ns) / 1e9, (end_ns - int(stamps[-1])) / 1e9] if len(stamps) else []
-        more_m = float(np.maximum(reach_m, 0.0)[steps_s > self.max_gap_s].sum())
+        more_m = exact_sum(np.maximum(reach_m, 0.0)[steps_s > self.max_gap_s])
         more_m += self.max_speed_m_s * sum(one for one in ends_s if one > self.max_gap_s)
         if not len(stamps):
             more_m = self.max_speed_m_s * max(end_ns - begin_ns, 0) / 1e9
-        return float(steps_m.sum()), more_m
+        return exact_sum(steps_m), more_m
 
 
 _SAME_M = 1e-9

@@ -116,11 +116,15 @@ OF_VECTORS = (
     "ariac_score/monitors/unseen.py",
     "ariac_score/trial/believed.py",
     "ariac_score/trial/denied.py",
+    "plugins/ariac_score_aic/chains.py",
+    "plugins/ariac_score_aic/checks.py",
+    "plugins/ariac_score_aic/signals.py",
+    "plugins/ariac_score_aic/strict.py",
 )
-"""These add up the components of vectors in space: three numbers, which numpy adds in their order."""
+"""These add up the components of vectors and quaternions: few numbers, which numpy adds in their order."""
 
-AS_ELSEWHERE = ("ariac_score/redteam/", "plugins/ariac_score_aic/")
-"""Random searches, whose tries are scored like any log; a scorer matched to 12 digits, not to the bit."""
+AS_ELSEWHERE = ("ariac_score/redteam/", "plugins/ariac_score_aic/jerk.py")
+"""Random searches, whose tries are scored like any log; fits that match those of a library to 12 digits."""
 
 
 def unordered_sums(code: str) -> Iterator[str]:
