@@ -9,12 +9,14 @@ from typing import Any
 import pytest
 
 from ariac_score import Result, load_rule_set, open_trial, score_trial
+from ariac_score.cli import main
 from ariac_score.scoring.expression import Expression
 from ariac_score_aic.consumption import consumed_of
 from ariac_score_aic.transforms import TransformBuffer
 
 from .made_bags import write_bag, write_run
 
+EXAMPLE = Path(__file__).parents[3] / "examples/aic/run"
 SECOND = 10**9
 AT = 100 * SECOND
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -74,6 +76,17 @@ def test_a_quaternion_whose_norm_is_nearly_1_turns_and_does_not_stretch(tmp_path
 
         assert consumed is not None
         assert consumed.plug_at(consumed.connections[0], AT).distance_m == expected
+        said = [one.message for one in score_trial(bag, "aic2026.qualification").measured.log_defects]
+        assert any("refuses transforms of cable_0" in words for words in said) == (expected is None)
+
+
+def test_an_official_total_with_seventeen_digits_is_that_of_the_example(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # 94.785341859572227 in scoring.yaml; our score has twelve digits behind the point.
+    main(["score", str(EXAMPLE), "--rules", "aic2026.qualification"])
+
+    assert "official total 94.7853: the same as ours" in capsys.readouterr().out
 
 
 # States of the rules -------------------------------------------------------------------
