@@ -116,7 +116,7 @@ def relevant(transforms: Transforms, frames: Iterable[str]) -> Transforms:
     wanted[[numbers[name] for name in frames if name in numbers]] = True
     edges = _edges(transforms)
     before = -1
-    while wanted.sum() != before:
+    while int(wanted.sum()) != before:
         before = int(wanted.sum())
         wanted[edges[wanted[edges[:, 0]], 1]] = True
     return _picked(transforms, wanted[transforms.child])
