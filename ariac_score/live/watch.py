@@ -123,12 +123,12 @@ class Watch:
             bundle, readers = self._found()
             (log,) = (part for part in bundle.parts if part.path == self._record)
             reader = _LiveReader(self, readers[log.reader], writer, bundle, readers, log.reader)
+            result: Result | None = None
             try:
                 result = score_parts(self._record, bundle, {**readers, log.reader: reader}, self._prepared)
             except ScoreError:
                 if not reader.over or not self._is_read_otherwise(bundle, reader):
                     raise
-                result = None
             if result is None or self._is_read_otherwise(bundle, reader):
                 result = score_parts(self._record, *self._found(), self._prepared)
             self._tell(replace(self.state, result=result, so_far=result, open=""))
