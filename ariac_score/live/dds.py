@@ -239,7 +239,10 @@ class DdsSource(DialledSource):
 
 
 def _config(host: str) -> str:
-    """How the library finds the cell: directly, or by multicast; this host alone where it is asked alone."""
+    """How the library finds the cell: directly, or by multicast; this host alone where it is asked alone.
+
+    Its own ports are open on every interface all the same: it has no setting for that.
+    """
     alone = host in ("127.0.0.1", "localhost", "::1")
     interfaces = '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>' if alone else ""
     multicast = host == _MULTICAST
