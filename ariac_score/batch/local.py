@@ -333,7 +333,7 @@ def _end_left_behind(context: Any, ended: int | None) -> None:
     server = None
     if context.get_start_method() == "forkserver":
         # No public name: in each supported version of Python it is this one, and without it less is found.
-        server = getattr(forkserver._forkserver, "_forkserver_pid", None)  # type: ignore[attr-defined]
+        server = getattr(forkserver._forkserver, "_forkserver_pid", None)
     # Whatever this process has started goes on, such as other runs, and processes that price.
     ours = [process.pid for process in multiprocessing.active_children() if process.pid is not None]
     end_children(server, ended, ours, _CHILDREN_S)

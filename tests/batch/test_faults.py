@@ -122,6 +122,18 @@ def test_what_a_run_leaves_behind_ends_with_it_and_holds_nothing_open(
     assert "every run has the outcome and the reason of its kind: yes" in capsys.readouterr().out
 
 
+def test_other_processes_of_the_supervisor_go_on_when_a_run_ends(trials: Path, tmp_path: Path) -> None:
+    """Such as those that price stored measurements meanwhile."""
+    setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
+    other = local.started(local.fresh_processes(tmp_path, setting), time.sleep, (600,))
+    try:
+        found = run_here(hands.worker.perform_into, ["a.jsonl", "b.jsonl"], trials, tmp_path / "out")
+        assert sorted(found) == ["a.jsonl", "b.jsonl"]
+        assert other.is_alive()
+    finally:
+        local.stop(other)
+
+
 def test_a_file_that_changes_between_hash_and_reading_is_changing_and_nothing_is_kept(
     trials: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

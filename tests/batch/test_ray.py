@@ -49,6 +49,7 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def cluster() -> Iterator[str]:
     """The address of a cluster of two processors, on this machine alone."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_worker_niceness", "0")  # else its workers wait for every other test
         patch.setenv("RAY_AUTH_MODE", "disabled")  # a token of this machine's user is of other clusters
         patch.delenv("RAY_ADDRESS", raising=False)
         ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
@@ -220,6 +221,7 @@ def test_a_head_that_no_longer_listens_is_lost_after_three_looks_and_one_that_do
 def head(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Callable[[], None]]]:
     """The address of a head of its own, and how to kill it with all that it runs."""
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.setenv("RAY_worker_niceness", "0")
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     with socket.create_server(("", 0)) as free:
         port = free.getsockname()[1]
