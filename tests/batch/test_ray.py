@@ -33,7 +33,11 @@ from ariac_score_ariac.testing import kitting_trial
 ray = pytest.importorskip("ray", reason="the extra 'ray' is not installed")
 executors = pytest.importorskip("ariac_score.batch.ray")
 
-pytestmark = pytest.mark.slow  # a cluster on this machine
+pytestmark = [
+    pytest.mark.slow,  # a cluster on this machine
+    # Ray ends its own processes, and does not wait for them.
+    pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning"),
+]
 
 ray_remote = ray.remote
 RULES = "ariac2020.as_coded"
@@ -172,6 +176,7 @@ def test_a_cluster_without_a_machine_that_works_ends_the_batch_by_name(
     assert caught.value.exit_code == 7
 
 
+@pytest.mark.timeout(600)
 def test_a_supervisor_that_is_killed_goes_on_with_the_same_bytes(
     cluster: str, trials: Path, tmp_path: Path
 ) -> None:
