@@ -11,6 +11,7 @@ import ast
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -251,7 +252,10 @@ class Expression:
                 hint="split it into named terms",
             )
         try:
-            root = ast.parse(text, mode="eval").body
+            with warnings.catch_warnings():
+                # About `1if a else 2`, which all read alike, some Pythons write a line to stderr.
+                warnings.simplefilter("ignore")
+                root = ast.parse(text, mode="eval").body
         # The parser of CPython raises MemoryError, too, where brackets are nested too deeply.
         except (SyntaxError, ValueError, MemoryError, RecursionError) as cause:
             column = getattr(cause, "offset", None)

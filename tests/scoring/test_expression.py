@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -323,6 +324,12 @@ def test_what_is_no_formula_is_refused_with_its_place(formula: str) -> None:
 def test_text_that_does_not_parse_is_refused(formula: str) -> None:
     with pytest.raises(FormulaError, match=r"not a formula|not allowed"):
         Expression.parse(formula)
+
+
+def test_nothing_is_written_beside_a_result_about_a_number_that_runs_into_a_word() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # which some Pythons make a slip of
+        assert Expression.parse("1if a else 2").source == "1if a else 2"
 
 
 def test_the_column_of_a_slip_is_told() -> None:
