@@ -174,7 +174,7 @@ def robot_os(folder: Path, messages: Path) -> Iterator[RobotOs]:
     ros = RobotOs(folder, messages)
     try:
         core = ros.start("/usr/bin/roscore", "-p", str(ros.port))
-        ros.until(core, "started core service", 30.0)
+        ros.until(core, "started core service", 90.0)
         yield ros
     finally:
         ros.end_all()

@@ -187,10 +187,10 @@ def test_a_simulator_that_waits_for_nobody_is_attested(ros: RobotOs, tmp_path: P
     recorder = ros.start(
         program, "record", "--rules", "paper2020.published", "-o", "trial", "--key", "organiser", "--run"
     )
-    ros.until(recorder, "recording ", 30.0)
+    ros.until(recorder, "recording ", 60.0)
     cell = ros.python(HERE / "cell", "hasty", "jitter")
-    assert ros.wait(cell, 40.0) == 0, ros.said(cell)
-    assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
+    assert ros.wait(cell, 60.0) == 0, ros.said(cell)
+    assert ros.wait(recorder, 60.0) == 0, ros.said(recorder)
     key = (tmp_path / "organiser.pub").read_text().splitlines()[1]
     rules = tmp_path / "attested.yaml"
     rules.write_text(
