@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 from rosbags.interfaces import Nodetype
 
 from ariac_score.errors import LiveError, UsageError
-from ariac_score.live.dialled import OPEN_S, DialledSource, GoneError, host_and_port
+from ariac_score.live.dialled import DialledSource, GoneError, host_and_port
 from ariac_score.live.source import Lost
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.logs.containers.items import Connection
@@ -32,6 +32,8 @@ _MULTICAST = "239.255.0.1"
 _MOST_DOMAIN = 232
 _MOST_PARTICIPANTS = 32
 """Of one host that is asked directly, as ROS 2 has it."""
+_FOUND_S = 10.0
+"""How long nodes may take to be found, s."""
 _LOOK_S = 0.1
 _HELD = 10_000
 """So many messages of a topic wait at most; none is refused, or the cell's publishers would wait for us."""
@@ -96,7 +98,7 @@ class DdsSource(DialledSource):
     def dial(self) -> _Session:
         """Take part in the domain, and wait until anybody is there."""
         session = self._joined()
-        end_s = time.monotonic() + OPEN_S
+        end_s = time.monotonic() + _FOUND_S
         while not session.writers:
             if time.monotonic() > end_s or self.closing.wait(_LOOK_S / 2):
                 session.leave()

@@ -112,6 +112,7 @@ def run() -> None:
             writers[topic].write(Word(said["word"]) if "word" in said else frames(said["frames"]))
         elif said["do"] == "bytes":
             write_bytes(writers[topic], base64.b64decode(said["raw"]))
+            continue  # many of them come, and nobody waits for an answer
         elif said["do"] == "leave":
             del writers[topic]
         matched = {name: len(writer.get_matched_subscriptions()) for name, writer in writers.items()}

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from ariac_score.errors import LiveError, UsageError
+from ariac_score.live import dds
 from ariac_score.live.source import Disconnected, LiveSource, Lost, Received, Reconnected, source_at
 from ariac_score.logs.columnar.types import bundled_typestore, decoder_for
 from ariac_score.logs.containers.items import Message
@@ -88,7 +89,11 @@ class Cell:
         if message.connection.topic not in self._offered:
             return
         raw = base64.b64encode(bytes(message.payload)).decode()
-        self.do("bytes", topic=message.connection.topic, raw=raw)
+        assert self.process.stdin is not None
+        with self._lock:
+            said = {"do": "bytes", "topic": message.connection.topic, "raw": raw}
+            self.process.stdin.write(json.dumps(said) + "\n")
+            self.process.stdin.flush()
 
     def subscribed(self) -> bool:
         """Whether somebody hears the example's motion."""
@@ -248,7 +253,8 @@ def test_a_cell_that_dies_is_gone_and_is_heard_again_on_the_same_channel(sources
     assert again.since_ns == first.message.stamp_ns
 
 
-def test_nobody_in_the_domain_is_said_within_seconds() -> None:
+def test_nobody_in_the_domain_is_said_within_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dds, "_FOUND_S", 1.0)
     source = source_at(f"dds://127.0.0.1?domain={DOMAIN}")
     with pytest.raises(LiveError, match=f"nobody publishes a topic of ROS 2 in domain {DOMAIN}"):
         source.open(None)
