@@ -26,7 +26,7 @@ OF_RML = {
 def wheel(files: Mapping[str, bytes], *, record: bool = True) -> bytes:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as written:
-        for name, content in reversed(files.items()):  # in another order than that of the hash
+        for name, content in reversed(list(files.items())):  # in another order than that of the hash
             written.writestr(name, content)
         if record:
             written.writestr("x-1.dist-info/RECORD", "")
