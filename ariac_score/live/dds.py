@@ -13,8 +13,6 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
-from rosbags.interfaces import Nodetype
-
 from ariac_score.errors import LiveError, UsageError
 from ariac_score.live.dialled import DialledSource, GoneError, host_and_port
 from ariac_score.live.source import Lost
@@ -306,12 +304,12 @@ def struct_of(type_: str) -> Any:
     return idl.make_idl_struct(f"{name}_", f"{package.replace('/', '::')}{_DDS}{name}_", fields)
 
 
-def _field(kind: Nodetype, about: Any) -> Any:
+def _field(kind: Any, about: Any) -> Any:
     from cyclonedds.idl import types  # noqa: PLC0415
 
-    if kind is Nodetype.NAME:
+    if kind.name == "NAME":
         return struct_of(about)
-    if kind is Nodetype.BASE:
+    if kind.name == "BASE":
         name, bound = about
         if name == "string":
             return types.bounded_str[bound] if bound else str
@@ -321,6 +319,6 @@ def _field(kind: Nodetype, about: Any) -> Any:
             raise ValueError(f"a field of type {name} cannot be heard over DDS")
         return found
     element, size = about
-    if kind is Nodetype.ARRAY:
+    if kind.name == "ARRAY":
         return types.array[_field(*element), size]
     return types.sequence[_field(*element), size] if size else types.sequence[_field(*element)]
