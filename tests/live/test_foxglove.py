@@ -40,9 +40,19 @@ class Bridge:
 
     def __init__(self, port: int = 0, session: str = "one", **options: int) -> None:
         self.context = foxglove.Context()
-        self.server = foxglove.start_server(
-            host="127.0.0.1", port=port, session_id=session, context=self.context, **options
-        )
+
+        def start() -> bool:
+            try:
+                self.server = foxglove.start_server(
+                    host="127.0.0.1", port=port, session_id=session, context=self.context, **options
+                )
+            except RuntimeError as error:
+                if not port or "already in use" not in str(error):
+                    raise
+                return False  # somebody on this machine was given the port that was free for a while
+            return True
+
+        until(start, f"port {port}", 60.0)
         self._channels: dict[object, foxglove.Channel] = {}
 
     @property
@@ -297,7 +307,9 @@ def test_bad_input_is_said_and_counts_as_in_a_recording(what: str, tmp_path: Pat
     if what == "unknown":
         assert any("Unknown" in one or "/ariac/orders" in one for one in result.measured.unrecorded)
     elif what == "retyped":
-        assert "/ariac/orders is now std_msgs/msg/String" in notes
+        # Which of both a bridge announces first is its own affair.
+        assert "topic /ariac/orders is now" in notes
+        assert "std_msgs/msg/String" in notes
     elif what == "huge":
         assert "undecodable_messages" in said
     elif what == "two":
