@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from live_servers import EXAMPLE, Until, announced, heard, is_message, payloads, recorded, sending, until
 
 foxglove = pytest.importorskip("foxglove", reason="the server of the Foxglove SDK is not installed")
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 TEXT = Connection("/words", "std_msgs/msg/String", "cdr", "string data\n", "ros2msg")
 GO, END = (b"\0\1\0\0" + (len(w) + 1).to_bytes(4, "little") + w + b"\0" for w in (b"go", b"end"))
