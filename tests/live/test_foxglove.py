@@ -49,7 +49,7 @@ class Bridge:
             except RuntimeError as error:
                 if not port or "already in use" not in str(error):
                     raise
-                return False  # somebody on this machine was given the port that was free for a while
+                return False  # by connections that are not forgotten yet, or by somebody who was given it
             return True
 
         until(start, f"port {port}", 60.0)
@@ -242,7 +242,7 @@ def test_a_bridge_that_is_gone_for_ten_seconds_leaves_a_gap(tmp_path: Path) -> N
             if len(getattr(state, "notes", ())) > len(notes):
                 notes.append((time.monotonic(), state.notes[-1].text))  # type: ignore[attr-defined]
 
-        watch = Watch(source, prepare("paper2020"), record, settings=Settings(patience_s=30.0), told=say)
+        watch = Watch(source, prepare("paper2020"), record, settings=Settings(patience_s=120.0), told=say)
         results: list[Result] = []
         thread = threading.Thread(target=lambda: results.append(watch.run()), daemon=True)
         thread.start()
@@ -259,6 +259,7 @@ def test_a_bridge_that_is_gone_for_ten_seconds_leaves_a_gap(tmp_path: Path) -> N
         for message in messages:
             server.offer(message.connection)
         until(server.subscribed, "subscribed again")
+        gone_s = time.monotonic() - stopped_s  # the port may stay taken for a while after the first server
         for message in messages[half:]:
             server.send(message)
             time.sleep(0.001)
@@ -269,7 +270,7 @@ def test_a_bridge_that_is_gone_for_ten_seconds_leaves_a_gap(tmp_path: Path) -> N
     assert "the source is gone" in notes[0][1]
     assert notes[0][0] - stopped_s < 2.0
     gap = next(text for _, text in notes if "the source is back" in text)
-    assert 9.9 < float(gap.split()[-2]) < 14
+    assert 9.9 < float(gap.split()[-2]) < gone_s + 1.0
     (missing,) = (d for d in results[0].measured.log_defects if d.kind == "missing_messages")
     assert missing.where == "/snapshot"
     assert as_json(results[0]) == as_json(score_trial(record, "paper2020"))
