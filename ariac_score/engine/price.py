@@ -105,7 +105,8 @@ def _refuse_other_authority(result: Result, rule_set: RuleSet) -> None:
             file=rule_set.file,
             hint="score the log under this rule set, or let it say 'window: recording'",
         )
-    if rule_set.authority.completeness and (completeness is None or completeness.by == NOBODY):
+    asked = rule_set.authority.completeness == "attested"
+    if asked and (completeness is None or completeness.by == NOBODY):
         why = "" if completeness is None else f": {completeness.detail}"
         raise RuleSetError(
             f"these rules ask for an attested log, and that of the result is not{why}",

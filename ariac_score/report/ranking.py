@@ -15,6 +15,7 @@ from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, fi
 from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.spreadsheet import text_cell
+from ariac_score.report.statements import is_unattested, unattested
 from ariac_score.report.text import amount_text
 from ariac_score.terminal.style import Style, plain
 
@@ -54,6 +55,8 @@ def _head(ranking: Ranking, style: Style) -> Iterator[str]:
         _many(len(ranking.runs), "run"),
     )
     yield style(f"{', '.join(counted)}, {sum(run.kept for run in ranking.runs)} of them count", "dim")
+    if said := unattested([is_unattested(run.result) for run in ranking.runs if run.result]):
+        yield style(said, "dim")
 
 
 def _many(number: int, what: str) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 from ariac_score.report.figures import amount_text
 from ariac_score.results.result import Result
 from ariac_score.review.left_out import scores_with_an_event
+from ariac_score.scoring.ruleset import rule_set_from_text
 from ariac_score.trial.statements import NOBODY, Statement
 
-__all__ = ["left_out", "rests_on"]
+__all__ = ["is_unattested", "left_out", "rests_on", "unattested"]
 
 _ORDER = ("work", "window", "set-up", "completeness")
 _OPEN = {"window": "window undecided", "completeness": "completeness not attested"}
@@ -30,6 +32,31 @@ def left_out(result: Result) -> str:
     found = scores_with_an_event(result)
     each = ", ".join(f"{amount_text(one.score)} with one of {one.check}" for one in found)
     return f"were an event left out of the log, the score would have been {each}" if each else ""
+
+
+def is_unattested(result: Result) -> bool:
+    """Whether nobody attests its logs as complete, and its rules do not say what such logs are worth."""
+    nobody = any(one.fact == "completeness" and one.by == NOBODY for one in result.measured.statements)
+    return nobody and not _asked(result.rules)
+
+
+@lru_cache(maxsize=8)  # the runs of a ranking have the same rules
+def _asked(rules: str) -> str:
+    return rule_set_from_text(rules, file="the rules in the result").authority.completeness
+
+
+def unattested(open_: Sequence[bool]) -> str:
+    """How many runs of a ranking rest on logs that nobody attests as complete; empty where none does.
+
+    Args:
+        open_: Of each run that has a result, whether it does.
+    """
+    if not any(open_):
+        return ""
+    return (
+        f"completeness not attested in {sum(open_)} of {len(open_)} runs: what their logs do not hold, such "
+        "as a collision, counts as not having happened; 'completeness:' in the rules says if that is meant"
+    )
 
 
 def _one(statement: Statement) -> str:

@@ -135,3 +135,25 @@ def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
     assert main(["rank", ".", "--batch", "season"]) == 7
 
     assert "its row says 99.0, the result" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("more", "said"), [("", 1), ("completeness: believed", 0)])
+def test_runs_whose_logs_nobody_attests_are_counted_once_where_the_rules_leave_it_open(
+    more: str, said: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two recorded runs without a recorder's manifest, and one that was not read: 2 of 2 have a result."""
+    for place in ("a/kit_1.jsonl", "b/kit_1.jsonl", "c/kit_1.jsonl"):
+        (tmp_path / place).parent.mkdir()
+    for seed, team in enumerate("ab"):
+        write_trial_log(tmp_path / team / "kit_1.jsonl", kitting_trial(seed=seed), signals=SNAPSHOT_SIGNALS)
+    (tmp_path / "c/kit_1.jsonl").write_text("no log", encoding="utf-8")
+    rules = f"extends: paper2020.published\nid: ours\ntitle: Ours\nsource: a test\n{more}\n"
+    (tmp_path / "ours.yaml").write_text(rules, encoding="utf-8")
+    text = "{id: cup, rules: ours.yaml, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
+    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+
+    assert main(["rank", str(tmp_path)]) == 6
+
+    shown = capsys.readouterr()
+    assert shown.out.count("completeness not attested in 2 of 2 runs: ") == said
+    assert (shown.out + shown.err).count("not attested") == said

@@ -272,13 +272,14 @@ def test_a_result_is_not_priced_again_on_a_word_that_the_rules_do_not_take(
 ) -> None:
     bare = [r for r in records if not r.get("kind", "").startswith("competition_")]
     rules = load_rule_set("paper2020.published")
-    recording, attested = (
-        rule_set_from_text(f"{expanded_yaml(rules)}\n{more}\n", file="ours.yaml")
-        for more in ("window: recording", "window: recording\ncompleteness: attested")
+    recording, attested, believed = (
+        rule_set_from_text(f"{expanded_yaml(rules)}\nwindow: recording\n{more}\n", file="ours.yaml")
+        for more in ("", "completeness: attested", "completeness: believed")
     )
     found = score_trial(log_of(bare, tmp_path / "run.jsonl"), recording)
 
     assert reprice(found, recording).score == HONEST
+    assert reprice(found, believed).score == HONEST  # rules that believe ask nothing of a log
     with pytest.raises(RuleSetError, match="takes the whole recording for the competition"):
         reprice(found, rules)
     with pytest.raises(RuleSetError, match="ask for an attested log, and that of the result is not"):

@@ -17,6 +17,7 @@ from ariac_score.ranking.stored import read_stored
 from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.html.wording import file_name
+from ariac_score.report.statements import is_unattested
 from ariac_score.report.words import which_run
 from ariac_score.results.adjustments import apply
 from ariac_score.results.result import Pinned, Result
@@ -39,12 +40,21 @@ Write = Callable[[str, Path], None]
 
 @dataclass(frozen=True)
 class RunPage:
-    """The page of one run, how many findings of each verdict it has, by clause, and how it went."""
+    """The page of one run.
+
+    Attributes:
+        key: Of the run.
+        page: Its path in the site.
+        verdicts: How many findings of each verdict it has, by clause.
+        conduct: How it went.
+        unattested: Whether nobody attests its logs as complete, and its rules do not say whether that counts.
+    """
 
     key: RunKey
     page: str
     verdicts: Mapping[Clause, Mapping[str, int]]
     conduct: RunConduct
+    unattested: bool
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,9 @@ def _make(task: _Task) -> RunPage:
     uses = {name: str(check["use"]) for name, check in result.checks.items()}
     findings = with_verdicts(result.measured.findings, shown.adjusted.adjustments) if shown.adjusted else {}
     measured = replace(result.measured, findings=findings or result.measured.findings)
-    return RunPage(task.run.key, page, verdicts_of(measured, uses), conduct_of_run(shown))
+    return RunPage(
+        task.run.key, page, verdicts_of(measured, uses), conduct_of_run(shown), is_unattested(result)
+    )
 
 
 def _adjusted(result: Result, task: _Task) -> Result:

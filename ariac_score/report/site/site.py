@@ -19,6 +19,7 @@ from ariac_score.report.site.run_pages import RunPage, make_pages
 from ariac_score.report.site.tables import Table, table_csv, table_json, tables_of
 from ariac_score.report.site.view import View, clause_page, clause_views, team_view, view_of
 from ariac_score.report.site.what_if import step_text
+from ariac_score.report.statements import unattested
 from ariac_score.review.sensitivity import RankSensitivity
 from ariac_score.review.what_if import WhatIf
 
@@ -92,6 +93,7 @@ def _view(site: Site, pages: Sequence[RunPage]) -> View:
         _changes(site),
         {made.key: made.conduct for made in pages},
         site.what_if,
+        unattested([made.unattested for made in pages]),
     )
 
 

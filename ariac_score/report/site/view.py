@@ -127,6 +127,7 @@ class View:
     scale: Scale | None = None
     digits: int = 2
     what_if: WhatIfView | None = None
+    unattested: str = ""
 
     @property
     def remarks(self) -> tuple[tuple[str, str], ...]:
@@ -183,6 +184,7 @@ def view_of(
     changes: Changes | None,
     conducts: Mapping[RunKey, RunConduct] = MappingProxyType({}),
     what_if: WhatIf | None = None,
+    unattested: str = "",
 ) -> View:
     """The values that the page shows.
 
@@ -194,6 +196,7 @@ def view_of(
         changes: Since the previous publication; `None` when none was given.
         conducts: Of each run that has a result.
         what_if: The ranking under other numbers; `None` when none was computed.
+        unattested: How many runs rest on logs that nobody attests, in words; empty where that is no question.
     """
     ranking, statistics = publication.final, publication.final_statistics
     by_cell: dict[tuple[str, str], list[RunLink]] = {}
@@ -231,6 +234,7 @@ def view_of(
         scale=drawn.parts,
         digits=_digits(ranking),
         what_if=None if what_if is None else what_if_view(what_if, publication.final),
+        unattested=unattested,
     )
 
 
