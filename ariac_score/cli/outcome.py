@@ -13,7 +13,7 @@ from ariac_score.checks.findings import Verdict
 from ariac_score.engine.ask import ONLY_OFFICIAL
 from ariac_score.errors import UsageError, did_you_mean
 from ariac_score.report.exports import export_names, exported
-from ariac_score.report.openness import narrowing_text, open_sentence
+from ariac_score.report.openness import narrowing_text, open_sentence, undecided_text
 from ariac_score.report.text import score_text
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
@@ -92,7 +92,7 @@ def _print_what_is_open(result: Result) -> None:
     withheld: dict[str, list[str]] = {}
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
-            withheld.setdefault(assumption.message, []).append(assumption.finding)
+            withheld.setdefault(undecided_text(result, assumption), []).append(assumption.finding)
     for message, found in withheld.items():
         for named in found if len(found) <= MOST_NAMED else [_and_more(found)]:
             print(f"undecided: {named}: {plain(message)}", file=sys.stderr)

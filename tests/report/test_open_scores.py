@@ -17,10 +17,13 @@ from xml.etree.ElementTree import fromstring
 import pytest
 
 from ariac_score import Result, as_json
+from ariac_score.checks.findings import Verdict
 from ariac_score.report.exports import exported
 from ariac_score.report.html.trial import trial_page
+from ariac_score.report.openness import undecided_text
 from ariac_score.report.text import score_text
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
+from ariac_score.scoring.policy import Assumption
 
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 GAPS = "12 gaps of 51 to 97 ms on /snapshot"
@@ -97,6 +100,22 @@ def test_a_withheld_score_shows_its_ends_instead_of_a_number(closed: Result) -> 
     page = trial_page(result, as_json(result))
 
     assert "19.76 to 28 points; withheld until what is open is decided" in seen(page)
+
+
+def test_what_samples_alone_would_decide_is_told_as_that(closed: Result) -> None:
+    """Under `open: withhold`: "undecided: never nearer than 4.502 m" would read as decided."""
+    (key,) = (k for k, f in closed.measured.findings.items() if f.message.startswith("never nearer than"))
+    seen_only = Assumption(key, "human_contact", "withhold", closed.measured.findings[key].message)
+    result = opened(closed, "withhold", assumptions=(seen_only,))
+
+    said = "the log does not show everything; by its samples never nearer than 4.502 m, at 20.000 s"
+    assert undecided_text(result, seen_only) == said
+    assert f"undecided: {key}: {said}" in exported(result, "junit")
+    # Of what is undecided by its samples as well, its own words say why.
+    undecided = replace(closed.measured.findings[key], verdict=Verdict.INCONCLUSIVE)
+    findings = {**closed.measured.findings, key: undecided}
+    result = replace(result, measured=replace(closed.measured, findings=findings))
+    assert undecided_text(result, seen_only) == "never nearer than 4.502 m, at 20.000 s"
 
 
 def test_every_export_has_both_ends_beside_the_one_that_counts(closed: Result) -> None:

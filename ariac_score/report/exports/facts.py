@@ -7,7 +7,7 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.report.openness import between, narrowing_text, which_counts
+from ariac_score.report.openness import between, narrowing_text, undecided_text, which_counts
 from ariac_score.report.text import amount_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line, taken_by
@@ -123,7 +123,7 @@ def why_none(result: Result) -> str:
     if not withheld:
         return result.status
     more = f" and {len(withheld) - 1} more" if len(withheld) > 1 else ""
-    return f"undecided: {withheld[0].finding}: {cut(withheld[0].message)}{more}"
+    return f"undecided: {withheld[0].finding}: {cut(undecided_text(result, withheld[0]))}{more}"
 
 
 def when(finding: Finding) -> str:
