@@ -134,6 +134,7 @@ allow, not that a trial will come to it. Below is that for every penalty, on a m
 each part of the right type and color, two off for anything unwanted, so that what was earned can be negative;
 separation, human contact and arm collision as safety checks; what is undecided counts as the worst case.
 Of the laws some exclude each other, so no penalty keeps them all. This page is generated; a test compares it.
+What once paid, before and after, on logs: [fairness](fairness.md#what-once-paid).
 """
 
 _REASONS = """
