@@ -516,9 +516,9 @@ def _priced(
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
     ends = _ends(result)
     if pool is not None and (run.team, run.trial) in opened and run.score is not None:
-        alone = run.open or Ends(run.score, run.score)
+        by_itself = run.open or Ends(run.score, run.score)
         priced = ends or Ends(result.score, result.score)
-        ends = priced.around(alone.least).around(alone.most)
+        ends = priced.around(by_itself.least).around(by_itself.most)
     return replace(run, score=result.score, result=result, kept=counts, open=ends)
 
 

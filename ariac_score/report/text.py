@@ -123,15 +123,21 @@ def _dotted(label: str, amount: str) -> str:
 
 def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     official = result.measured.official
-    # An official scorer knows neither other teams nor safety: it prints what here is the task score.
+    printed = official.items.get("final_score", "") if official is not None else ""
+    allowed = max(_half_a_digit(printed), _LAST_OF_OURS)
+
+    def is_same(amount: Decimal | None) -> bool:
+        return amount is not None and abs(amount - Decimal(repr(total))) <= allowed
+
+    # Most official scorers know neither other teams nor safety: they print what here is the task score.
     ours, whose = result.score, "ours"
     if result.task is not None:
         ours, whose = result.task.amount, "our task score"
-    elif (parts := task_and_safety(result)) is not None and parts.has_safety:
-        ours, whose = parts.task, "our task score"
-    printed = official.items.get("final_score", "") if official is not None else ""
-    allowed = max(_half_a_digit(printed), _LAST_OF_OURS)
-    same = ours is not None and abs(ours - Decimal(repr(total))) <= allowed
+    elif not is_same(ours):
+        parts = task_and_safety(result)
+        if parts is not None and parts.has_safety and (is_same(parts.task) or result.interval is not None):
+            ours, whose = parts.task, "our task score"
+    same = is_same(ours)
     words = f"the same as {whose}" if same else f"not {whose}: rules or log differ from the official scorer's"
     if same and ours != Decimal(repr(total)):
         words += ", to the digits that " + ("are printed" if allowed > _LAST_OF_OURS else "count here")

@@ -133,6 +133,7 @@ LEAVES_CHILDREN = """
 import os, sys, time
 from ariac_score.installed.system import adopt_orphans, end_children
 adopt_orphans()
+begun, begins = os.pipe()
 kept = os.fork()
 if kept == 0:
     time.sleep(600)
@@ -143,9 +144,11 @@ if ended == 0:
         os.setsid()
         if os.fork() == 0:
             os.setsid()
+            os.write(begins, b'.')
         time.sleep(600)
     os._exit(0)
 os.waitpid(ended, 0)
+os.read(begun, 1)
 end_children(os.getpid(), ended, [kept], 10.0)
 os.kill(kept, 0)
 os.kill(kept, 9)

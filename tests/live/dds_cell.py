@@ -135,4 +135,5 @@ def write_bytes(writer: Any, raw: bytes) -> None:
     assert ddspy_write(writer._ref, raw.ljust(-(-len(raw) // 4) * 4, b"\0")) >= 0
 
 
-run()
+if __name__ == "__main__":
+    run()

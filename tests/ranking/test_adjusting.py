@@ -125,9 +125,9 @@ def test_the_text_has_both_tables_every_decision_and_what_moved(results: Path, r
 def test_the_table_has_the_automatic_rank_as_well(results: Path, rank: Rank) -> None:
     lines = rank(decision(results, "aurora", "kitting", 1, {"points": 100}), output="csv").splitlines()
 
-    assert lines[0].endswith("automatic rank,automatic value")
+    assert ",automatic rank,automatic value," in lines[0]
     assert lines[1].startswith("1,aurora,")
-    assert lines[1].endswith(",2,38.053934511")
+    assert ",2,38.053934511," in lines[1]
 
 
 def test_a_competition_can_name_its_decisions(

@@ -239,7 +239,6 @@ def test_an_edit_is_found_without_the_log(
             "$.measured.findings.separation#1.span.start_s",
         ),
         (_set("measured/trial", "another_trial"), "$.measured.trial"),
-        (_set("measured/team", "another_team"), "$.measured.team"),
         (_set("measured/coverage/0/largest_gap_s", 0.5), "$.measured.coverage[0].largest_gap_s"),
         (_set("provenance/log_map/sha256", "0" * 64), "another log map: ariac2020, sha256 0000"),
         (_set("provenance/code/0/sha256", "0" * 64), "another ariac_score of ariac-score: version"),
