@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,19 +40,9 @@ class Bridge:
 
     def __init__(self, port: int = 0, session: str = "one", **options: int) -> None:
         self.context = foxglove.Context()
-
-        def start() -> bool:
-            try:
-                self.server = foxglove.start_server(
-                    host="127.0.0.1", port=port, session_id=session, context=self.context, **options
-                )
-            except RuntimeError as error:
-                if not port or "already in use" not in str(error):
-                    raise
-                return False  # by connections that are not forgotten yet, or by somebody who was given it
-            return True
-
-        until(start, f"port {port}", 60.0)
+        self.server = foxglove.start_server(
+            host="127.0.0.1", port=port, session_id=session, context=self.context, **options
+        )
         self._channels: dict[object, foxglove.Channel] = {}
 
     @property
@@ -93,6 +83,45 @@ def bridge(port: int = 0, session: str = "one", **options: int) -> Iterator[Brid
         yield one
     finally:
         one.server.stop()
+
+
+class Way:
+    """A port that leads to a bridge, or to none: a bridge's own port is not free again at once."""
+
+    def __init__(self) -> None:
+        self.leads_to: int | None = None
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.address = f"foxglove://127.0.0.1:{self._door.getsockname()[1]}"
+        threading.Thread(target=self._open, daemon=True).start()
+
+    def _open(self) -> None:
+        while True:
+            try:
+                comes, _ = self._door.accept()
+            except OSError:
+                return  # it was closed
+            if self.leads_to is None:
+                comes.close()
+                continue
+            goes = socket.create_connection(("127.0.0.1", self.leads_to))
+            for one, other in ((comes, goes), (goes, comes)):
+                threading.Thread(target=self._carry, args=(one, other), daemon=True).start()
+
+    @staticmethod
+    def _carry(one: socket.socket, other: socket.socket) -> None:
+        with suppress(OSError):
+            while data := one.recv(1 << 16):
+                other.sendall(data)
+        for each in (one, other):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+    def close(self) -> None:
+        """Nobody comes any more."""
+        with suppress(OSError):
+            self._door.shutdown(socket.SHUT_RDWR)
+        self._door.close()
 
 
 @contextmanager
@@ -231,11 +260,12 @@ def test_a_bridge_that_is_gone_for_ten_seconds_leaves_a_gap(tmp_path: Path) -> N
     messages = recorded()
     half = len(messages) // 2
     notes: list[tuple[float, str]] = []
+    way = Way()
     with bridge() as server:
-        port = server.server.port
+        way.leads_to = server.server.port
         for message in messages:
             server.offer(message.connection)
-        source = source_at(server.address)
+        source = source_at(way.address)
         record = tmp_path / "seen.mcap"
 
         def say(state: object) -> None:
@@ -252,20 +282,23 @@ def test_a_bridge_that_is_gone_for_ten_seconds_leaves_a_gap(tmp_path: Path) -> N
             time.sleep(0.001)
         until(lambda: watch.state.messages >= half, "half")
         stopped_s = time.monotonic()
+        way.leads_to = None
         server.server.stop()
         until(lambda: len(notes) > 0, "the gap is said when it begins", 2.0)
         time.sleep(10)
-    with bridge(port, "two") as server:
+    with bridge(session="two") as server:
         for message in messages:
             server.offer(message.connection)
+        way.leads_to = server.server.port
         until(server.subscribed, "subscribed again")
-        gone_s = time.monotonic() - stopped_s  # the port may stay taken for a while after the first server
+        gone_s = time.monotonic() - stopped_s
         for message in messages[half:]:
             server.send(message)
             time.sleep(0.001)
         until(lambda: watch.state.messages >= len(messages), "the rest")
         watch.stop()
         thread.join(30)
+    way.close()
 
     assert "the source is gone" in notes[0][1]
     assert notes[0][0] - stopped_s < 2.0
