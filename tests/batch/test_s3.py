@@ -55,6 +55,8 @@ def bucket(server: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str
     monkeypatch.setattr(remote, "PAUSE_S", 0.0)
     import fsspec  # noqa: PLC0415  # an extra
 
+    # One of an earlier test knows no credentials, or another server.
+    fsspec.get_filesystem_class("s3").clear_instance_cache()
     name = f"season-{uuid.uuid4().hex}"
     fsspec.filesystem("s3", skip_instance_cache=True).mkdir(name)
     return f"s3://{name}"
