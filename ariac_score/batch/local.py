@@ -305,7 +305,9 @@ def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...
     """
     for attempt in range(1, _START_ATTEMPTS + 1):
         # As a daemon it is ended with this process.
-        process: BaseProcess = context.Process(target=target, args=arguments, daemon=True)
+        process: BaseProcess = context.Process(
+            target=_with_environment, args=(dict(os.environ), target, arguments), daemon=True
+        )
         try:
             with _only_code_of_this_process():
                 process.start()
@@ -319,6 +321,19 @@ def started(context: Any, target: Callable[..., None], arguments: tuple[Any, ...
         else:
             return process
     raise AssertionError("unreachable")
+
+
+def _with_environment(
+    environment: dict[str, str], target: Callable[..., None], arguments: tuple[Any, ...]
+) -> None:
+    """Do the work of a process in the environment of the one that asked for it.
+
+    A fork server keeps the environment in which it was started, and with it the credentials of a storage
+    that the caller may have changed since.
+    """
+    os.environ.clear()
+    os.environ.update(environment)
+    target(*arguments)
 
 
 def stop(process: BaseProcess) -> None:

@@ -175,3 +175,10 @@ def broken_by(does: Callable[[], object]) -> None:
         does()
     except (MemoryError, OSError) as cause:
         raise PluginError("plugin x (y 1.0) raised something") from cause
+
+
+def fails_as_the_environment_says(
+    task: RunTask, setting: BatchSetting, out: Path | None, report: Path
+) -> None:
+    """Ends with the number that a variable of the environment holds, as if it were the credentials."""
+    os._exit(int(os.environ["ARIAC_SCORE_TEST_NUMBER"]))

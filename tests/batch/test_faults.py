@@ -197,6 +197,18 @@ def test_a_process_that_outlives_its_server_gives_nobody_else_its_result(
     assert kinds == ["scored", "scored", "nothing_to_score"]
 
 
+def test_a_run_sees_the_environment_of_the_batch_that_asked_and_not_of_the_one_before(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = []
+    for number in ("41", "42"):  # the fork server has been started before the second is set
+        monkeypatch.setenv("ARIAC_SCORE_TEST_NUMBER", number)
+        done = run_here(hands.fails_as_the_environment_says, ["a.jsonl"], trials, tmp_path / number)
+        said.append(summary_of(done["a.jsonl"].document or b"").reason)
+
+    assert ["exit code 41" in said[0], "exit code 42" in said[1]] == [True, True], said
+
+
 def test_a_run_whose_process_is_killed_again_and_again_is_tried_at_last_and_alone(
     trials: Path, tmp_path: Path
 ) -> None:
