@@ -7,9 +7,10 @@ distribution.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -146,6 +147,32 @@ class UnreadableDistribution:
 
 def installed_points() -> list[Point]:
     """Every entry point of our groups, sorted, so that the order of `sys.path` has no influence."""
+    return list(_points(_surroundings()))
+
+
+def unreadable_distributions() -> list[UnreadableDistribution]:
+    """The installed distributions whose entry points cannot be read, sorted."""
+    return list(_unreadable(_surroundings()))
+
+
+def _surroundings() -> tuple[tuple[str, int], ...]:
+    """Where distributions are looked for, and since when each folder is as it is.
+
+    Reading the metadata of everything installed takes a hundred times as long as asking for these, and
+    `importlib.metadata` itself trusts them where it looks for distributions by name.
+    """
+    found = []
+    for folder in sys.path:
+        try:
+            changed_ns = Path(folder).stat().st_mtime_ns
+        except (OSError, ValueError):
+            changed_ns = -1
+        found.append((folder or str(Path.cwd()), changed_ns))
+    return tuple(found)
+
+
+@lru_cache(maxsize=4)
+def _points(_: tuple[tuple[str, int], ...]) -> tuple[Point, ...]:
     try:
         everything = entry_points()
         points = [
@@ -159,17 +186,17 @@ def installed_points() -> list[Point]:
         point = Point(p.name, p.group, p.value, *origins(p.dist))
         # An editable install found next to its own sources shows one distribution twice.
         found.setdefault((point.group, point.name, point.target, point.distribution), point)
-    return [found[key] for key in sorted(found)]
+    return tuple(found[key] for key in sorted(found))
 
 
-def unreadable_distributions() -> list[UnreadableDistribution]:
-    """The installed distributions whose entry points cannot be read, sorted."""
+@lru_cache(maxsize=4)
+def _unreadable(_: tuple[tuple[str, int], ...]) -> tuple[UnreadableDistribution, ...]:
     found = [
         UnreadableDistribution(*origin_of(one), f"its entry points cannot be read: {problem}")
         for one, _, problem in _each_distribution()
         if problem
     ]
-    return sorted(found, key=lambda one: (one.distribution, one.version))
+    return tuple(sorted(found, key=lambda one: (one.distribution, one.version)))
 
 
 def unreadable_hint() -> str:

@@ -287,8 +287,8 @@ def measured_under(rule_set: RuleSet, case: Mapping[str, Any]) -> Measured:
 
 def result_of(case: Mapping[str, Any], rules: str) -> Result:
     rule_set = rules_of(rules)
-    if rules == case["rules"]:
-        parameters = {**rule_set.sheet.parameters, **case.get("parameters", {})}
+    if rules == case["rules"] and "parameters" in case:  # otherwise the same, whose text is written once
+        parameters = {**rule_set.sheet.parameters, **case["parameters"]}
         rule_set = replace(rule_set, sheet=replace(rule_set.sheet, parameters=parameters))
     provenance = Provenance((), (), Pinned(rule_set.id, ""), Pinned("", ""), ())
     return price_trial(measured_under(rule_set, case), rule_set, provenance, cohort_of(case, rules))
