@@ -111,6 +111,7 @@ def test_no_module_stands_loose_but_the_face_and_the_errors() -> None:
     assert rooms | {"errors", "__main__"} == set(FLOOR)
 
 
+@pytest.mark.slow
 def test_every_file_imports_only_from_floors_below_its_room() -> None:
     up = [
         f"{path.relative_to(ROOT)} imports {module}"

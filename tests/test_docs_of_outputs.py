@@ -95,6 +95,7 @@ def test_the_action_of_its_page_is_red_for_a_log_that_lacks_the_human(tmp_path: 
     assert _run_job(tmp_path)["Can it be scored?"] in (5, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ci.md", "outputs.md", "stewards.md"])
 def test_every_command_of_the_pages_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

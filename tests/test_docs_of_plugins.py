@@ -103,6 +103,7 @@ def test_its_result_has_the_panel_and_the_format(
     assert main(["verify", str(stored), "--log", str(log)]) == 0
 
 
+@pytest.mark.slow
 def test_its_reader_keeps_the_contract(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plugins", "check", "course_csv", "--trial", str(log)]) == 0
     assert "BROKEN" not in capsys.readouterr().out
@@ -133,6 +134,7 @@ def test_its_schemas_refuse_other_facts() -> None:
         refuse_other_facts(replace(trial, facts={"weather": "snow"}), found[1], by=found[0], file="lap")
 
 
+@pytest.mark.slow
 def test_its_rule_set_says_where_it_lies_and_json_lists_it(
     course: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

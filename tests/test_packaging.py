@@ -69,6 +69,7 @@ def _examples(path: str) -> set[str]:
     return {name.removeprefix("examples/") for name in listed.stdout.splitlines()}
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_every_module_and_data_file(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     wanted = {

@@ -31,6 +31,7 @@ def lacking(text: str) -> str:
     return next((module for module in wanted if importlib.util.find_spec(module) is None), "")
 
 
+@pytest.mark.slow
 def test_every_block_prints_what_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -64,6 +64,7 @@ def test_the_example_is_worth_what_a_hand_calculation_gives() -> None:
     assert float(score) == pytest.approx(28 / (1 + demerits), abs=5e-7)
 
 
+@pytest.mark.slow
 def test_every_format_gives_the_same_findings_and_the_same_ledger(tmp_path: Path) -> None:
     trial = kitting_trial()
     messages = recorded_messages(trial)
@@ -93,6 +94,7 @@ def test_scoring_twice_gives_the_same_bytes() -> None:
     assert as_json(score_trial(EXAMPLE, "paper2020")) == as_json(score_trial(EXAMPLE, "paper2020"))
 
 
+@pytest.mark.slow
 def test_the_order_in_which_files_came_into_a_folder_does_not_matter(tmp_path: Path, shared: Path) -> None:
     official = shared / "ariac/data/nist_team_2022"
     files = sorted(p for p in official.rglob("*") if p.is_file())

@@ -160,6 +160,7 @@ teams = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.lists(teams, min_size=1, max_size=4))
 def test_any_field_of_teams_is_evaluated_as_by_the_scripts(field: list[Team]) -> None:
@@ -253,6 +254,7 @@ def test_every_documented_edition_needs_a_cohort_and_has_a_task_score_without(na
     assert not {"order_time", "sensor_cost"} & sheet.checks_in(sheet.task)
 
 
+@pytest.mark.slow
 @given(st.integers(1, 50), st.integers(1, 50))
 @settings(max_examples=30)
 def test_being_faster_or_cheaper_never_scores_less_against_the_same_cohort(tenths: int, dollars: int) -> None:

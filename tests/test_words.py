@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 CORE = ROOT / "ariac_score"
 WORDS = frozenset(
@@ -64,6 +66,7 @@ def found_in_code() -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_identifier_or_message_of_the_core_holds_a_word_of_a_competition() -> None:
     assert not found_in_code()
 

@@ -203,6 +203,7 @@ def test_a_competition_keeps_team_trial_and_run(tmp_path: Path) -> None:
     assert crashed == ["cygnus/mixed_tasks/4"]
 
 
+@pytest.mark.slow
 def test_the_index_says_what_the_lines_say(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "out")
     connection = sqlite3.connect(tmp_path / "out" / "index.sqlite")
@@ -368,6 +369,7 @@ def test_a_document_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.Mo
     assert list(place.parent.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["gone", "cut", "forged", "empty"])
 def test_a_stored_result_that_is_not_what_the_index_says_is_made_again(
     trials: Path, tmp_path: Path, damage: str
@@ -388,6 +390,7 @@ def test_a_stored_result_that_is_not_what_the_index_says_is_made_again(
     assert same(tmp_path / "before", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", ["", "hashes", "runs.jsonl"])
 def test_a_forged_result_from_which_all_follows_is_scored_again_from_its_log(
     trials: Path, tmp_path: Path, lost: str, monkeypatch: pytest.MonkeyPatch
@@ -411,6 +414,7 @@ def test_a_forged_result_from_which_all_follows_is_scored_again_from_its_log(
     assert same(tmp_path / "before", tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", ["runs.jsonl", "index.sqlite"])
 @pytest.mark.parametrize("content", [None, b"", b"nonsense \xff\n{}\n"])
 def test_tables_that_are_lost_or_damaged_are_made_again(
@@ -460,6 +464,7 @@ def test_a_folder_that_lets_nobody_write_is_named(trials: Path, tmp_path: Path) 
     assert caught.value.file == str(tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forge", [forge_line, forge_index, lose_a_check])
 def test_tables_that_contradict_the_documents_are_made_again_and_it_is_said(
     trials: Path, tmp_path: Path, forge: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
@@ -1242,6 +1247,7 @@ def test_a_missing_shard_is_named(trials: Path, tmp_path: Path) -> None:
         joined(parts[:1], tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_parts_of_other_rules_or_other_code_are_refused(trials: Path, tmp_path: Path) -> None:
     first, second = halves(trials, tmp_path, "ariac2019.as_coded")
     with pytest.raises(UsageError, match="another rule set") as caught:
@@ -1327,6 +1333,7 @@ def test_a_document_without_end_is_named_when_joining(
     assert caught.value.file == str(place)
 
 
+@pytest.mark.slow
 def test_a_part_cannot_be_joined_into_itself(
     trials: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,6 +88,7 @@ def test_a_worker_of_a_cluster_does_not_use_them_either(trials: Path, tmp_path: 
     assert done.stdout == "True\n", done.stderr
 
 
+@pytest.mark.slow
 def test_programs_that_a_plugin_starts_have_the_environment_of_the_user(tmp_path: Path) -> None:
     code = (
         "import os; os.environ['PYTHONSAFEPATH'] = local.SAFE_PATH[1];"

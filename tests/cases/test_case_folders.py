@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 CASES = {
@@ -22,6 +24,7 @@ CASES = {
 """Of each option where its tests are, and a file in which they find a case."""
 
 
+@pytest.mark.slow
 def test_each_option_takes_a_folder_outside_the_repository(tmp_path: Path) -> None:
     """As documented: with the tests to run, for pytest takes a lone folder as that of the tests."""
     arguments = []

@@ -47,6 +47,8 @@ RULE_SETS: Mapping[str, str] = {
 
 FIELDS = {"case", "orders", "submissions", "arm_collision", "floor_penalty", "quality_checks", "expected"}
 SHOWN = 20
+SAMPLED = 10
+"""The suite of the README takes one trial in so many of each file, the slow tests every one."""
 REGISTRY = Registry()
 NO_PROVENANCE = Provenance((), (), ("", ""), ("", ""), ())
 
@@ -67,7 +69,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """One test for each file, whose failure lists the trials that differ."""
     if "vectors" in metafunc.fixturenames:
         files = files_in(folder_of(metafunc.config))
-        metafunc.parametrize("vectors", files, ids=[file.name for file in files])
+        whole = [(file, 1) for file in files]
+        if metafunc.config.getoption("--official-vectors"):  # of a folder that somebody names, every one
+            metafunc.parametrize(("vectors", "each"), whole, ids=[file.name for file in files])
+            return
+        slow = [pytest.param(*of, marks=pytest.mark.slow, id=of[0].name) for of in whole]
+        few = [pytest.param(file, SAMPLED, id=f"{file.name}: one in {SAMPLED}") for file in files]
+        metafunc.parametrize(("vectors", "each"), [*few, *slow])
 
 
 def test_the_folder_of_official_vectors_is_not_empty(request: pytest.FixtureRequest) -> None:
@@ -77,8 +85,8 @@ def test_the_folder_of_official_vectors_is_not_empty(request: pytest.FixtureRequ
     assert files_in(folder), f"no vectors (*.jsonl, *.jsonl.gz) in {folder}"
 
 
-def test_every_trial_scores_as_in_the_official_scorer(vectors: Path) -> None:
-    differing, trials = differences_in(vectors)
+def test_every_trial_scores_as_in_the_official_scorer(vectors: Path, each: int) -> None:
+    differing, trials = differences_in(vectors, each)
 
     if differing:
         more = [f"and {len(differing) - SHOWN} more"] if len(differing) > SHOWN else []
@@ -87,13 +95,14 @@ def test_every_trial_scores_as_in_the_official_scorer(vectors: Path) -> None:
     assert trials, f"{vectors} holds no trial"
 
 
-def differences_in(file: Path) -> tuple[list[str], int]:
-    """What differs in each trial of a file, by its number, and how many trials there are."""
+def differences_in(file: Path, each: int = 1) -> tuple[list[str], int]:
+    """What differs in each trial of a file, or in one of so many, by its number, and how many were scored."""
     unpack = gzip.open if file.suffix == ".gz" else open
     with unpack(file, "rt", encoding="utf-8") as lines:
         rows = [line for line in lines if line.strip()]
-    found = [(number, list(differences(line))) for number, line in enumerate(rows, start=1)]
-    return [f"  trial {number}, {'; '.join(words)}" for number, words in found if words], len(rows)
+    taken = [*enumerate(rows, start=1)][::each]
+    found = [(number, list(differences(line))) for number, line in taken]
+    return [f"  trial {number}, {'; '.join(words)}" for number, words in found if words], len(found)
 
 
 def differences(line: str) -> Iterator[str]:
@@ -336,7 +345,7 @@ def test_a_file_with_wrong_vectors_fails_and_lists_them(tmp_path: Path) -> None:
     file = written(tmp_path, "made.jsonl", vector(), *[expecting(5, 4, 5)] * (SHOWN + 1))
 
     with pytest.raises(pytest.fail.Exception) as failed:
-        test_every_trial_scores_as_in_the_official_scorer(file)
+        test_every_trial_scores_as_in_the_official_scorer(file, 1)
 
     lines = str(failed.value).splitlines()
     assert lines[0] == f"{file}: 21 of 22 trials differ from the official scorer"
@@ -346,4 +355,4 @@ def test_a_file_with_wrong_vectors_fails_and_lists_them(tmp_path: Path) -> None:
 
 def test_an_empty_file_of_vectors_fails(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="holds no trial"):
-        test_every_trial_scores_as_in_the_official_scorer(written(tmp_path, "made.jsonl"))
+        test_every_trial_scores_as_in_the_official_scorer(written(tmp_path, "made.jsonl"), 1)

@@ -171,6 +171,7 @@ def test_a_command_runs_it_only_when_it_is_told_to(
     assert main([*command, str(rules), "--local-plugins"]) in (0, 1)  # 1: a law does not hold
 
 
+@pytest.mark.slow
 def test_a_class_in_a_file_is_checked_and_shown_like_an_installed_plugin(
     rules: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -186,6 +187,7 @@ def test_a_class_in_a_file_is_checked_and_shown_like_an_installed_plugin(
     assert "did you mean 'NearMiss'?" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_reads_a_result_needs_no_code(
     rules: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

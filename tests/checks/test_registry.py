@@ -573,6 +573,7 @@ def test_entry_points_that_cannot_be_read_hide_no_other_plugin(install: Install)
     assert set(registry.names(RULES)) >= set(SHIPPED[RULES])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("malformed")
 def test_a_distribution_that_cannot_be_read_is_named_wherever_a_plugin_is_missed(
     capsys: pytest.CaptureFixture[str],

@@ -57,6 +57,7 @@ def test_the_help_lists_it_without_importing_it(install: Install, capsys: pytest
     assert module not in sys.modules
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["import nothing_of_that_name", "def broken(", ""])
 def test_a_broken_command_harms_no_other(
     install: Install, capsys: pytest.CaptureFixture[str], source: str
@@ -83,6 +84,7 @@ def test_a_command_that_two_distributions_bring_is_refused(
     assert "other-manners 1.0" in said
 
 
+@pytest.mark.slow
 def test_a_command_of_ours_cannot_be_replaced(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
     module = install("cell-manners", {"rules": "Command"}, source=GREET, group=GROUP)
 

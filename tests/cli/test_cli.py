@@ -129,6 +129,7 @@ def test_the_module_can_be_run_and_says_its_version() -> None:
     assert (done.returncode, done.stdout.split()[0]) == (0, "ariac-score")
 
 
+@pytest.mark.slow
 def test_a_pipe_that_closes_early_is_not_an_error() -> None:
     done = subprocess.run(
         ["/bin/sh", "-c", f"{sys.executable} -m ariac_score.cli rules show paper2020.published | head -n 1"],
@@ -142,6 +143,7 @@ def test_a_pipe_that_closes_early_is_not_an_error() -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_colours_stay_away_from_anything_but_a_terminal(log: Path) -> None:
     assert "\x1b" not in _run("score", log, "--rules", "paper2020.published").stdout
 
@@ -211,6 +213,7 @@ def test_explain_of_a_check_prices_each_of_its_findings(
     assert "(not priced)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_explain_of_a_term_shows_its_value_and_the_price_of_what_it_rests_on(
     stored: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,6 +331,7 @@ score: 100 - 5 * count(near)
 """
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_early_changes_no_code(tmp_path: Path) -> None:
     write_trial_log(tmp_path / "x.jsonl", kitting_trial(human=False), signals=["speed/robot"])
     command = [sys.executable, "-m", "ariac_score.cli", "score", "x.jsonl", "--rules", "paper2020.published"]
@@ -341,6 +345,7 @@ def test_a_reader_that_goes_early_changes_no_code(tmp_path: Path) -> None:
     assert scoring.returncode == 6  # withheld, for nobody saw the human
 
 
+@pytest.mark.slow
 def test_info_shows_bodies_and_signals_where_the_rules_need_no_order(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -371,6 +376,7 @@ def test_a_rule_set_whose_log_map_names_a_decoder_that_is_not_installed_is_not_s
     assert "no installed distribution provides 'nobody.has_it'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_rules_that_only_take_points_away_are_told_why_laws_about_work_say_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -383,6 +389,7 @@ def test_rules_that_only_take_points_away_are_told_why_laws_about_work_say_nothi
     assert "read from a record" not in out
 
 
+@pytest.mark.slow
 def test_an_official_total_is_not_called_different_from_a_score_that_is_withheld(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -502,6 +509,7 @@ def test_a_slip_in_what_if_is_named_by_its_option(capsys: pytest.CaptureFixture[
     assert "rules.yaml" not in error
 
 
+@pytest.mark.slow
 def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:
     for name in ("r.json", "r.txt"):
         assert main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / name)]) == 0

@@ -137,6 +137,7 @@ def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
     assert "its row says 99.0, the result" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("more", "said"), [("", 1), ("completeness: believed", 0)])
 def test_runs_whose_logs_nobody_attests_are_counted_once_where_the_rules_leave_it_open(
     more: str, said: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

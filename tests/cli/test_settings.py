@@ -245,6 +245,7 @@ def test_a_number_of_the_environment_that_is_none_is_refused(
     assert "ARIAC_SCORE_JOBS: 'many' is no number" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_competition_keeps_the_rules_it_names_and_a_folder_without_any_takes_those_that_are_set(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -31,6 +31,7 @@ def test_a_key_within_an_inner_object_may_stand_in_an_outer_one() -> None:
     assert strict_json('{"a": {"a": 1}}') == {"a": {"a": 1}}
 
 
+@pytest.mark.slow
 def test_the_last_of_very_many_keys_is_refused_at_once(tmp_path: Path) -> None:
     """Looking for each key among all others would take hours."""
     keys = [f'"{number}":0' for number in range(400_000)]

@@ -111,6 +111,7 @@ def test_a_folder_of_rule_sets_gives_each_file_a_name_and_its_main_file_the_name
     assert load_log_map("cup").speed_window_s == 0.2
 
 
+@pytest.mark.slow
 def test_rules_list_says_who_brings_a_rule_set_and_rules_show_prints_it(
     cup: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -219,6 +220,7 @@ def test_a_batch_that_is_sent_the_rules_as_text_names_the_same_origin(cup: str) 
 PENALTY_OF_CUP = "include: [cup.mild]\nsafety: {calm: {class: limit}}\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rules", "brought"),
     [

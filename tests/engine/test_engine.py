@@ -248,6 +248,7 @@ def test_a_log_that_promises_less_leaves_the_score_open(witness: str) -> None:
     assert result.score <= priced(TRIAL).score
 
 
+@pytest.mark.slow
 @given(st.sets(st.sampled_from([*SNAPSHOT_SIGNALS, "position/human", "position/robot"]), min_size=1))
 @LAWS
 def test_deleting_signals_never_raises_the_score(names: set[str]) -> None:
@@ -256,6 +257,7 @@ def test_deleting_signals_never_raises_the_score(names: set[str]) -> None:
     assert result.score is None or float(result.score) <= SCORE
 
 
+@pytest.mark.slow
 @given(start=st.integers(0, 3900), length=st.integers(1, 400))
 @LAWS
 def test_cutting_a_hole_never_raises_the_score(start: int, length: int) -> None:
@@ -393,6 +395,7 @@ def test_coming_closer_never_raises_the_score(dip: tuple[float, float, float], s
     assert score(keeping_apart(THIN, chart(closer))) <= score(keeping_apart(THIN, chart(dip)))
 
 
+@pytest.mark.slow
 @given(dips, st.floats(1.0, 3.0))
 @LAWS
 def test_staying_close_for_longer_never_raises_the_score(
@@ -404,6 +407,7 @@ def test_staying_close_for_longer_never_raises_the_score(
     assert score(keeping_apart(THIN, chart(longer))) <= score(keeping_apart(THIN, chart(dip)))
 
 
+@pytest.mark.slow
 @given(dips, st.floats(22.0, 36.0))
 @LAWS
 def test_one_more_near_miss_never_raises_the_score(dip: tuple[float, float, float], when_s: float) -> None:
@@ -822,6 +826,7 @@ def test_a_product_that_no_edition_has_is_named_with_the_one_that_was_meant(tmp_
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rules", "kind", "said"),
     [
@@ -914,6 +919,7 @@ def no_orders(folder: Path) -> Path:
     return write_trial_log(folder / "trial.jsonl", replace(kitting_trial(), work=(), submissions=()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "priced",
     [

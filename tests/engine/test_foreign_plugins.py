@@ -48,6 +48,7 @@ def log(tmp_path: Path) -> Path:
     return write_trial_log(tmp_path / "trial.jsonl", kitting_trial())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "source",
     ["raise RuntimeError('no licence')", SILENT.replace("return ()", "return 1 / 0"), "class Cup: ..."],

@@ -426,6 +426,7 @@ RUNS = {
 }
 
 
+@pytest.mark.slow
 def test_14_the_trials_of_a_team_add_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rank", str(write_competition(tmp_path, RUNS)), "--output-format", "json"]) == 0
 

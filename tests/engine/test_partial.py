@@ -334,6 +334,7 @@ def test_wherever_a_log_is_cut_its_interval_contains_the_score_or_it_is_refused(
 REAL = Path(__file__).parents[2].parent / "shared" / "real"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the real recordings are not at {REAL}")
 def test_a_real_recording_that_was_cut_off_contains_what_the_whole_one_has(tmp_path: Path) -> None:
     (tmp_path / "trial.yaml").write_text(

@@ -61,6 +61,7 @@ def test_a_check_of_a_guest_keeps_its_contract(check: str, capsys: pytest.Captur
     assert "it was seen to decide, and to decide alike" in said
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("guests")
 def test_the_doctor_finds_nothing_wrong_with_them(capsys: pytest.CaptureFixture[str]) -> None:
     main(["plugins", "doctor"])
@@ -69,6 +70,7 @@ def test_the_doctor_finds_nothing_wrong_with_them(capsys: pytest.CaptureFixture[
     assert [line for line in (said.out + said.err).splitlines() if "-score 0.1.0):" in line] == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("guests")
 def test_their_rule_sets_have_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rules", "list"]) == 0

@@ -196,6 +196,7 @@ def test_apart_even_one_that_ends_its_process_or_closes_everything_is_named(tmp_
         assert "ended the process it ran in" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_command_itself_runs_as_a_process_of_its_own(tmp_path: Path) -> None:
     done = scored(tmp_path, SOUND["writes at the end"])
 

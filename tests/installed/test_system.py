@@ -63,6 +63,7 @@ def as_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["ariac_score", "plugins"])
 def test_no_other_module_imports_what_some_systems_lack(folder: str) -> None:
     found = [
@@ -83,6 +84,7 @@ def imported(node: ast.AST) -> list[str]:
     return []
 
 
+@pytest.mark.slow
 def test_a_log_is_scored_alike_without_them(as_on_windows: Run, capsys: pytest.CaptureFixture[str]) -> None:
     scored = as_on_windows("score", str(LOG), "--rules", "paper2020.published")
 

@@ -70,6 +70,7 @@ def _held_to_the_whole(log: Path, every: int, folder: Path, monkeypatch: pytest.
         assert (one.score, one.interval) == (whole[at_s].score, whole[at_s].interval), at_s
 
 
+@pytest.mark.slow
 def test_judged_by_stretches_it_comes_to_what_the_whole_comes_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,6 +84,7 @@ def test_so_it_does_over_four_minutes(tmp_path: Path, monkeypatch: pytest.Monkey
     _held_to_the_whole(log, 1500, tmp_path, monkeypatch)
 
 
+@pytest.mark.slow
 def test_motion_that_is_settled_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[int] = []
     judge = so_far_module.SoFar.judge

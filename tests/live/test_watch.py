@@ -80,6 +80,7 @@ def _watch(
     return result, watch
 
 
+@pytest.mark.slow
 def test_the_result_is_that_of_the_recording_to_the_byte(tmp_path: Path) -> None:
     watched, _ = _watch(_unnumbered(_items()), tmp_path / "seen.mcap")
 

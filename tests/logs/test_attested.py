@@ -192,6 +192,7 @@ LEFT_OUT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("secret", LEFT_OUT.values(), ids=LEFT_OUT)
 def test_no_message_that_is_left_out_raises_the_score(
     tmp_path: Path, signing: Signing, secret: Recorded
@@ -217,6 +218,7 @@ def test_no_message_that_is_left_out_raises_the_score(
     assert f"1 message on {secret.topic} from " in completeness(attacked)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_together_attests_nothing(tmp_path: Path, signing: Signing, subtests: Any) -> None:
     whole = attested(events(), signing[1])
     other = [

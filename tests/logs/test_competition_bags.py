@@ -400,6 +400,7 @@ def test_contents_that_are_too_old_leave_the_score_open_and_the_worst_end_counts
     assert (result.interval.least, result.interval.most, result.interval.tight) == (0, 36, False)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("messages_of_2021")
 def test_a_bag_of_another_edition_is_refused_with_its_reason_and_no_broken_plugin(tmp_path: Path) -> None:
     path = bag(tmp_path / "trial.bag", ORDER_2021, *states_2021(), storage="ros1")

@@ -72,6 +72,7 @@ def test_a_cut_off_recording_is_refused(tmp_path: Path) -> None:
 NAMES = st.sampled_from([(), ("a",), ("b",), ("a", "b"), ("elbow", "wrist", "a")])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(NAMES, st.integers(0, 5)), max_size=80), st.data())
 def test_however_the_slabs_are_cut_the_columns_are_those_of_one(

@@ -490,6 +490,7 @@ def test_the_bundle_has_what_the_unpacker_asks_for(tmp_path: Path) -> None:
     assert check_bundle(tmp_path / "bundle.zip") == []
 
 
+@pytest.mark.slow
 def test_a_submission_that_looks_like_a_program_arrives_empty_and_is_told_so(
     tmp_path: Path, log_text: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -908,6 +909,7 @@ def test_a_configuration_that_is_handed_in_may_repeat_the_organisers(tmp_path: P
     assert stored_scores(output)["final"] == SCORE
 
 
+@pytest.mark.slow
 def test_a_configuration_alone_is_no_submission(tmp_path: Path) -> None:
     inputs = reference(tmp_path / "input", "kit", config=ORGANISERS)
     (inputs / "res/kit_1.yaml").write_text(EASIER, encoding="utf-8")

@@ -812,6 +812,7 @@ def reference(chart: Chart) -> Iterator[tuple[Any, ...]]:
         yield SATISFIED, None, None, clean if chart.blames else {}, {}
 
 
+@pytest.mark.slow
 @given(charts())
 @LAWS
 def test_a_slow_implementation_in_plain_python_agrees(chart: Chart) -> None:
@@ -854,6 +855,7 @@ def test_a_shift_in_time_moves_the_spans_and_nothing_else(chart: Chart, shift: i
     assert [moved(f, 0.0) for f in here] == [moved(f, shift * TICK_S) for f in there]
 
 
+@pytest.mark.slow
 @given(charts(), st.permutations(["centre_distance/robot/human", "speed/human", "speed/robot"]))
 @LAWS
 def test_the_order_of_signals_and_bodies_does_not_matter(chart: Chart, names: list[str]) -> None:
@@ -867,6 +869,7 @@ def test_the_order_of_signals_and_bodies_does_not_matter(chart: Chart, names: li
     assert list(chart.monitor.watch(shuffled)) == list(chart.monitor.watch(trial))
 
 
+@pytest.mark.slow
 @given(charts(), st.floats(0.0, 5.0))
 @LAWS
 def test_asking_for_more_distance_never_shortens_the_time_in_violation(chart: Chart, more_m: float) -> None:

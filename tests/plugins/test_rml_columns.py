@@ -77,6 +77,7 @@ def margins_of(machine: Machine, stream: Stream, watch: Watch) -> Match | None:
     return margins(machine, stream, watch, Columns(machine.matcher, stream))
 
 
+@pytest.mark.slow
 @given(exps, streams(), st.sampled_from(POLICIES))
 @settings(max_examples=100)
 def test_the_table_gives_the_verdicts_of_the_interpreter(exp: str, stream: Stream, after: Any) -> None:
@@ -107,6 +108,7 @@ def test_the_first_rejection_is_that_of_a_run_over_the_events(exp: str, stream: 
     assert int(watch.rejected.sum()) == run.letters.count("F")
 
 
+@pytest.mark.slow
 @given(event_types.filter(lambda text: "(" not in text), streams())
 @settings(max_examples=60)
 def test_a_column_of_matches_is_the_match_of_each_event(kind: str, stream: Stream) -> None:
@@ -233,6 +235,7 @@ def test_an_inequality_limits_the_field_that_stands_alone_by_the_other_side(
     assert match.field.tolist() == [names.index(field) if field else -1]
 
 
+@pytest.mark.slow
 @given(exps, streams())
 @settings(max_examples=100)
 def test_a_rejected_event_never_has_a_positive_margin_nor_an_accepted_one_a_negative(

@@ -387,6 +387,7 @@ def test_a_text_in_a_guard_is_answered_with_where_texts_are_compared() -> None:
     assert "by the pattern" in refused.value.hint
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_equations_is_checked_link_by_link() -> None:
     links = [f"A{i} = A{i + 1}; " for i in range(3_000)]
 

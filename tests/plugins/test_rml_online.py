@@ -190,6 +190,7 @@ def test_there_is_no_verdict_without_a_specification_events_or_bodies() -> None:
         assert list(monitor.begin(bodies).step([sample])) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["far", "opened", pytest.param("stops", marks=pytest.mark.slow), "ill typed"]
 )

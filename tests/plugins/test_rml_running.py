@@ -230,6 +230,7 @@ def test_a_filter_sees_only_what_it_is_about(word: list[str], inside: str) -> No
 # Depth and limits ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_two_thousand_open_levels_overflow_nothing() -> None:
     depth = 2_000
     text = P + "Main = {let x; p(x) Main q(x)}?;"

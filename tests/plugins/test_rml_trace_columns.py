@@ -45,6 +45,7 @@ lines = (
 )
 
 
+@pytest.mark.slow
 @given(st.lists(lines, max_size=30), st.sampled_from(["\n", "\r\n", "\n\n"]))
 @settings(max_examples=200)
 def test_columns_say_what_the_events_say(trace: list[str], end: str) -> None:

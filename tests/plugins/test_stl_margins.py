@@ -114,6 +114,7 @@ def test_at_uneven_steps_the_reference_lies_between_the_bounds(
         assert lower - 1e-9 <= reference.robustness(formula, t, values, i) <= upper + 1e-9
 
 
+@pytest.mark.slow
 @given(FORMULAS, traces([0.1]), st.data())
 @LAWS
 def test_whatever_is_missing_might_have_been_the_bounds_hold(
@@ -174,6 +175,7 @@ def _reach(formula: Any) -> tuple[float, float]:
     return ahead, back
 
 
+@pytest.mark.slow
 @given(FORMULAS, traces([0.05, 0.1, 0.2]), st.booleans())
 @LAWS
 def test_weak_is_never_below_strong_and_both_lie_within_undecided(
@@ -304,6 +306,7 @@ def _dense_formulas() -> st.SearchStrategy[Any]:
     return st.recursive(PREDICATES, larger, max_leaves=4)
 
 
+@pytest.mark.slow
 @given(_dense_formulas(), traces([0.1, 0.2, 0.3]))
 @LAWS
 def test_in_dense_time_a_sample_stands_until_the_next_one(

@@ -161,6 +161,7 @@ def test_an_instant_is_judged_as_soon_as_all_that_it_looks_at_has_come(
     assert len(rows) == sum(t_s + reach <= t[-1] + 1e-9 for t_s in t)
 
 
+@pytest.mark.slow
 @given(text=FORMULAS, trace=traces([1, 2, 3, 5]), beyond=BEYOND)
 @LAWS
 def test_where_a_window_holds_no_sample_every_margin_is_that_of_the_whole_log_too(
@@ -389,6 +390,7 @@ def test_the_findings_in_the_end_are_those_of_the_whole_log(
         assert ending(monitor, trial) == list(monitor.watch(trial))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "monitor",
     [

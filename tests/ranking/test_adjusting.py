@@ -76,6 +76,7 @@ def executions(ranking: dict[str, Any]) -> dict[str, float]:
     return {s["team"]: s["execution"] for s in ranking["standings"]}
 
 
+@pytest.mark.slow
 def test_both_rankings_are_there_and_the_automatic_one_is_untouched(
     results: Path, rank: Rank, capsys: pytest.CaptureFixture[str]
 ) -> None:

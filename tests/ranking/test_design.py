@@ -54,6 +54,7 @@ def test_a_coin_that_wins_four_of_five_trials_takes_as_many_as_the_binomial_says
     assert power[size.trials - 2] <= 0.8 + error
 
 
+@pytest.mark.slow
 def test_more_runs_take_no_more_trials_where_luck_is_of_the_run() -> None:
     chance = np.random.default_rng(3)
     scores = chance.integers(0, 100, (2, 12, 4)).tolist()
@@ -84,6 +85,7 @@ def test_one_team_alone_is_refused() -> None:
         designs(runs([[[5]]]), SPEC, 1.0)
 
 
+@pytest.mark.slow
 def test_the_command_says_how_many_trials(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rank", "examples/competition/2024", "--design", "20"]) == 0
 

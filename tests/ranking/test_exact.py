@@ -140,6 +140,7 @@ def test_doing_better_in_a_trial_never_makes_a_claim_weaker(differences: list[in
         assert sign_flip(better) <= sign_flip(differences)
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(list(itertools.permutations("ABCD", 2))), st.fractions(0, 1)))
 def test_holm_claims_no_less_than_bonferroni_and_no_more_than_one_test_alone(
     chances: dict[tuple[str, str], Fraction],

@@ -61,6 +61,7 @@ def scores(found: Ranking) -> dict[str, float]:
     return {standing.team: float(standing.execution) for standing in found.standings}
 
 
+@pytest.mark.slow
 def test_a_calm_run_does_not_make_the_near_miss_of_another_one_undone(tmp_path: Path) -> None:
     found = ranking(tmp_path, once=[kitting_trial()], calm=[calm()], lucky=[kitting_trial(), calm()])
 
@@ -81,6 +82,7 @@ def touched(from_s: float, to_s: float) -> Trial:
     return replace(trial, signals={**trial.signals, name: near})
 
 
+@pytest.mark.slow
 def test_those_that_a_gate_made_0_are_separated_by_their_demerits(tmp_path: Path) -> None:
     found = ranking(tmp_path, long=[touched(19, 29)], short=[touched(19, 19.2)], calm=[calm()])
 

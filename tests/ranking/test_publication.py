@@ -288,6 +288,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_ranking_reads_back_as_it_was(published: Path) -> None:
     data = json.loads((published / "ranking.json").read_text(encoding="utf-8"))
     found = load_publication(published / "ranking.json")
@@ -307,6 +308,7 @@ def test_a_ranking_reads_back_as_it_was(published: Path) -> None:
         assert stored.file == f"{key[0]}/{key[1]}_{key[2]}.json"
 
 
+@pytest.mark.slow
 def test_the_same_runs_give_the_same_bytes(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stored = published / "results"
     again = published / "again.yaml"

@@ -230,6 +230,7 @@ def test_a_malformed_configuration_makes_the_runs_of_that_trial_unreadable(tmp_p
     assert "other.yaml" in standing.trials["other"].reason
 
 
+@pytest.mark.slow
 def test_an_unknown_penalty_type_costs_that_run_alone(tmp_path: Path) -> None:
     write_database_competition(tmp_path / "results.db")
     connection = sqlite3.connect(tmp_path / "results.db")
@@ -265,6 +266,7 @@ def test_an_unknown_penalty_type_costs_that_run_alone(tmp_path: Path) -> None:
 # The organisers' program ---------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_robust_and_strict_agree_where_nothing_is_odd(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -488,6 +490,7 @@ def test_a_cohort_of_other_rules_is_refused(tmp_path: Path, capsys: pytest.Captu
     assert "it was made under ariac2024.official" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_stored_results_are_ranked_without_their_logs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

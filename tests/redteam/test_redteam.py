@@ -413,6 +413,7 @@ def test_the_smallest_of_what_works_is_printed(folder: Path) -> None:
     assert one.touched < 15  # of the 56 samples of the first near miss, which were left out at first
 
 
+@pytest.mark.slow
 def test_the_score_of_a_doctored_log_is_that_of_the_command(folder: Path, tmp_path: Path) -> None:
     found = search(
         honest(folder, CRASH, "crash.mcap"),

@@ -91,6 +91,7 @@ def test_task_and_safety_of_a_team_add_up_to_its_score(site: Path) -> None:
         assert sum(map(Decimal, parts)) == Decimal(row["execution"])
 
 
+@pytest.mark.slow
 def test_the_fox_came_nearer_than_the_owl_and_paid_for_it(site: Path) -> None:
     fox, owl = sorted(rows(site, "leaderboard"), key=lambda row: row["team"])
 

@@ -58,6 +58,7 @@ def page(result: Result) -> str:
 # Moments -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_violations_and_what_was_handed_in_are_its_moments_with_what_they_cost_or_brought(
     routes: Result,
 ) -> None:

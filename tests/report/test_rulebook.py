@@ -44,6 +44,7 @@ def edition() -> Rulebook:
     return rulebook("ariac2024.as_documented")
 
 
+@pytest.mark.slow
 def test_a_page_of_the_documentation_is_current(paper: Rulebook) -> None:
     """When this fails: python -m ariac_score.report.rulebooks docs/rulebooks."""
     assert (DOCS / "paper2020.published.md").read_text(encoding="utf-8") == rulebook_markdown(paper)
@@ -61,6 +62,7 @@ def test_there_is_a_page_for_each_rule_set() -> None:
     assert {page.stem for page in DOCS.glob("*.md")} == {*names_of("ariac-score"), "README"}
 
 
+@pytest.mark.slow
 def test_the_table_of_an_edition_has_the_points_of_its_official_page(edition: Rulebook) -> None:
     # ARIAC_docs 2024, scoring page: 3 for a part as ordered, 2 in the wrong colour; 5 and 4 when combined.
     rows = {row[0]: row[2:] for row in grid(edition, "What earns points", "In quadrant").rows}
@@ -159,6 +161,7 @@ def test_a_law_that_the_file_owns_up_to_is_never_said_to_hold(paper: Rulebook) -
     assert "leaves out a pause" in because
 
 
+@pytest.mark.slow
 def test_differences_to_the_official_text_are_its_own_section() -> None:
     book = rulebook("ariac2024.release_5")
 
@@ -231,6 +234,7 @@ def test_a_score_below_zero_lies_below_its_zero_line() -> None:
     assert drawing.area.endswith("V100H0z")
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_page_or_markdown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, markdown = tmp_path / "book.html", tmp_path / "book.md"
 
@@ -288,6 +292,7 @@ def test_every_setting_of_a_shipped_rulebook_has_a_meaning() -> None:
             assert meaning, (page.name, setting)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper2020.published", "ariac2024.as_documented", "ariac2022.as_coded"])
 def test_every_line_of_a_worked_example_says_where_its_number_comes_from(name: str) -> None:
     examples = section(rulebook(name), "Worked examples").blocks

@@ -99,6 +99,7 @@ def test_one_command_makes_pages_tables_and_the_ranking(site: Path) -> None:
     assert set(json.loads((site / "data/files.json").read_text())["files"]) == names
 
 
+@pytest.mark.slow
 def test_every_link_leads_somewhere(site: Path) -> None:
     for file in (site / "index.html", site / "trials/aurora/kitting-1.html"):
         links = Links(file.read_text(encoding="utf-8"))
@@ -326,6 +327,7 @@ def test_a_result_that_was_changed_since_is_refused(
     assert "the ranking was made of" in err
 
 
+@pytest.mark.slow
 def test_a_result_of_other_rules_is_refused(
     ranking: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -418,6 +420,7 @@ def test_a_competition_before_its_first_run_has_no_ranks(tmp_path: Path) -> None
     assert "\u2013 alpha" in text
 
 
+@pytest.mark.slow
 def test_one_team_has_nobody_to_be_compared_with(tmp_path: Path) -> None:
     folder = competition(tmp_path / "c", "")
     shutil.copytree(EXAMPLE / "logs/aurora", folder / "logs/aurora")
@@ -500,6 +503,7 @@ def test_five_hundred_teams_have_a_page_that_a_browser_can_load(tmp_path: Path) 
     assert all(name in sizes for name in re.findall(r'href="data/([^"]+)"', page))
 
 
+@pytest.mark.slow
 def test_hostile_names_are_text(ranking: Path, tmp_path: Path) -> None:
     assert main(["report", str(hostile_ranking(ranking)), "-o", str(tmp_path / "out")]) == 0
 
@@ -576,6 +580,7 @@ def says_no_nonsense(site: Path) -> None:
         assert not re.search(r"\b(NaN|Infinity)\b", file.read_text(encoding="utf-8")), file
 
 
+@pytest.mark.slow
 def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_path: Path) -> None:
     text = made(calm_competition(tmp_path / "c", bodies_witnessed=True), tmp_path)
     words = seen(text)
@@ -618,6 +623,7 @@ def test_without_a_human_in_any_trial_everything_but_separation_is_there(tmp_pat
     assert "human" not in plan
 
 
+@pytest.mark.slow
 def test_where_nobody_knows_whether_a_human_was_there_runs_count_at_their_worst(tmp_path: Path) -> None:
     """Not recorded is not absent: nothing is satisfied, and nothing applies to nobody."""
     text = made(calm_competition(tmp_path / "c", bodies_witnessed=False), tmp_path)
@@ -645,6 +651,7 @@ def small(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_sensitivity_can_be_found_out_on_the_spot(small: Path, tmp_path: Path) -> None:
     assert main(["report", str(small), "-o", str(tmp_path / "out"), "--sensitivity", "now"]) == 0
 

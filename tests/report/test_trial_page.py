@@ -125,6 +125,7 @@ def test_it_says_score_rules_hashes_margins_and_clauses(example: Result) -> None
         assert word in text, word
 
 
+@pytest.mark.slow
 def test_a_ten_minute_trial_with_noise_everywhere_stays_below_two_megabytes(example: Result) -> None:
     draw = np.random.default_rng(5)
     t = np.arange(60_000) / 100.0
@@ -344,6 +345,7 @@ def _named(line: Line, path: str) -> Line:
     return structs.replace(line, path=path, children=children)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(_lines())
 def test_the_steps_of_any_ledger_add_up_to_it(line: Line) -> None:

@@ -214,6 +214,7 @@ def test_a_score_can_be_set_where_there_was_none(undecided: Result, tmp_path: Pa
 VIOLATED = sorted(k for k, f in near_miss().measured.findings.items() if f.verdict.value == "violated")
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     settled=st.sets(st.sampled_from(VIOLATED)),
@@ -462,6 +463,7 @@ def test_other_prices_do_not_carry_decisions_over_and_say_so(
     assert "do not carry over to other prices" in err
 
 
+@pytest.mark.slow
 def test_sensitivity_says_that_it_is_about_the_automatic_score(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

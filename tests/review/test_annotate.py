@@ -148,6 +148,7 @@ def test_violations_are_markers_for_as_long_as_they_last() -> None:
     assert [(m.ns, m.id, m.action) for m in gone.message.markers] == [(words.ns, words.id, 2)]
 
 
+@pytest.mark.slow
 def test_markers_stand_where_the_bodies_were(tmp_path: Path) -> None:
     path = write_bag(
         tmp_path / "trial.mcap", recorded_messages(kitting_trial(), motion="frames"), storage="mcap"
@@ -453,6 +454,7 @@ def test_nothing_is_written_over_what_it_is_made_from(
     assert "would overwrite" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_that_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -74,6 +74,7 @@ def _installed_once() -> Iterator[None]:
 # Against the log -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_item_of_a_true_text_agrees(tmp_path: Path) -> None:
     audited = audit(bundle(tmp_path / "run"), against="ariac2020.as_coded")
 
@@ -197,6 +198,7 @@ def test_a_collision_that_only_the_text_tells_of_rests_on_it(tmp_path: Path) -> 
     assert audit_text(audited).startswith("agree 30 (3 of them rest on the official file itself) ·")
 
 
+@pytest.mark.slow
 def test_a_label_nobody_knows_is_listed_and_not_passed_over(tmp_path: Path) -> None:
     text = changed("\tPriority: [1]\n", "\tPriority: [1]\n\tStyle: [9.5]\n")
     audited = audit(bundle(tmp_path / "run", text), "ariac2020.as_coded")

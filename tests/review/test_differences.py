@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,7 @@ def terms_and_checks(rule_set: RuleSet) -> tuple[set[str], set[str]]:
     return terms | {"score", "task"}, set(rule_set.checks)
 
 
+@pytest.mark.slow
 def test_every_documented_rule_set_says_in_what_it_differs() -> None:
     saying = {name for name in rule_set_names() if load_rule_set(name).differs}
 
@@ -98,17 +100,23 @@ def test_every_term_and_check_of_a_difference_exists_in_one_of_the_two(name: str
         assert set(difference.checks) <= both[0][1] | both[1][1], difference.name
 
 
+@cache
+def shown_by_cases() -> frozenset[tuple[str, str]]:
+    """The differences that cases show: the rule set and the name of each."""
+    return frozenset(
+        (case.get("rules", told["rules"]), case["differs"])
+        for file in sorted(WORKED.glob("*.yaml"))
+        for told in [yaml.safe_load(file.read_text(encoding="utf-8"))]
+        for case in told["cases"]
+        if "differs" in case
+    )
+
+
 @pytest.mark.parametrize("name", MARKED)
 def test_every_difference_has_a_case_worked_by_hand(name: str) -> None:
     differs = load_rule_set(name).differs
     assert differs is not None
-    shown = {
-        case["differs"]
-        for file in sorted(WORKED.glob("*.yaml"))
-        for told in [yaml.safe_load(file.read_text(encoding="utf-8"))]
-        for case in told["cases"]
-        if "differs" in case and case.get("rules", told["rules"]) == name
-    }
+    shown = {of for rules, of in shown_by_cases() if rules == name}
 
     assert {d.name for d in differs.because} - shown == WITHOUT_CASE.get(name, set())
 

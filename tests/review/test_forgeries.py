@@ -267,6 +267,7 @@ def test_whose_run_it_is_no_log_says_that_names_no_team(
     assert out.endswith("consistent in itself; known from the file alone: run\n")
 
 
+@pytest.mark.slow
 def test_rules_that_nobody_else_knows_are_not_proven_even_with_the_log(
     stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,11 +61,13 @@ def outcome(rule_set: RuleSet, law: str, cases: int = 400) -> Outcome:
 # The default ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_default_penalty_keeps_every_law(seed: int) -> None:
     assert verdicts(reference_rules(DEFAULT), seed=seed) == {law.name: "holds" for law in LAWS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["withhold", "worst_case"])
 def test_it_keeps_them_whatever_undecided_means_and_for_points_that_grow(policy: str) -> None:
     safety = "  separation: {class: separation}\n  dropped: {class: limit}"
@@ -85,6 +87,7 @@ def test_no_other_shipped_penalty_keeps_them_all() -> None:
 # Each law finds what breaks it ---------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("score", "policy", "broken"),
     [
@@ -259,6 +262,7 @@ def test_a_number_of_cases_that_is_none_is_a_usage_error(cases: str) -> None:
 # What shipped rule sets say of themselves ------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper2020", "ariac2020.as_documented"])
 def test_a_well_known_rule_set_breaks_no_law_but_those_it_says_it_breaks(name: str) -> None:
     """A sample of the next test, which is slow."""
@@ -296,6 +300,7 @@ def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name:
     assert {o.law.name for o in others if o.verdict == "broken"} <= said
 
 
+@pytest.mark.slow
 def test_what_is_broken_and_said_to_be_is_told_with_its_reason_and_fails_where_that_is_asked(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

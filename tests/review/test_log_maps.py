@@ -198,6 +198,7 @@ def test_speeds_and_distance_serve_where_nobody_has_a_position(tmp_path: Path) -
     assert "# - {topic: /snap, signals: {speed/human" in beside.text  # positions give the same
 
 
+@pytest.mark.slow
 def test_the_log_map_that_reads_the_orders_is_extended(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -273,6 +274,7 @@ class Terminal(io.StringIO):
         return True
 
 
+@pytest.mark.slow
 def test_on_a_terminal_every_role_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said = Terminal()
     monkeypatch.setattr("sys.stdin", Terminal("7\n2\n\n"))  # there is no seventh; Enter takes what is likely
@@ -287,6 +289,7 @@ def test_on_a_terminal_every_role_is_asked(tmp_path: Path, monkeypatch: pytest.M
     assert "Who is the robot?" in said.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (SHARED / "real").is_dir(), reason="needs the real recordings")
 def test_recordings_of_a_real_recorder_are_mapped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The README beside them: the human walks at 0.500 m/s, the robot swings by 1.5 m at most 0.6 m/s."""

@@ -48,6 +48,7 @@ def _file(folder: Path, text: str) -> str:
 # A score -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_elasticity_of_a_weight_is_that_of_its_formula(stored: Path) -> None:
     weight = found(stored)["separation_weight"]
 
@@ -61,6 +62,7 @@ def test_the_elasticity_of_a_weight_is_that_of_its_formula(stored: Path) -> None
     assert weight.changes_above == pytest.approx(0.4, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_without_a_declared_range_a_number_goes_from_half_to_double(stored: Path, tmp_path: Path) -> None:
     rules = _file(
         tmp_path, HEAD + "parameters: {extra: 3, debt: -2, none: 0}\nscore: task + extra + debt + none\n"
@@ -74,6 +76,7 @@ def test_without_a_declared_range_a_number_goes_from_half_to_double(stored: Path
     assert knobs["none"].elasticity is None
 
 
+@pytest.mark.slow
 def test_the_value_at_which_a_score_jumps_is_found(stored: Path, tmp_path: Path) -> None:
     text = "parameters: {limit: 20}\nscore: task if task > limit else 0\nranges: {limit: [10, 50]}\n"
     limit = found(stored, _file(tmp_path, HEAD + text))["limit"]
@@ -85,6 +88,7 @@ def test_the_value_at_which_a_score_jumps_is_found(stored: Path, tmp_path: Path)
     assert limit.changes_above >= 28
 
 
+@pytest.mark.slow
 def test_a_value_without_a_score_is_shown_as_none(stored: Path, tmp_path: Path) -> None:
     text = "parameters: {divisor: 1}\nscore: task / divisor\nranges: {divisor: [0, 2]}\n"
     divisor = found(stored, _file(tmp_path, HEAD + text))["divisor"]
@@ -92,6 +96,7 @@ def test_a_value_without_a_score_is_shown_as_none(stored: Path, tmp_path: Path) 
     assert (divisor.low, divisor.base, divisor.high) == (None, 28, 14)
 
 
+@pytest.mark.slow
 def test_numbers_of_monitors_need_the_log_and_unused_ones_are_said_to_be(
     stored: Path, tmp_path: Path
 ) -> None:
@@ -121,6 +126,7 @@ def test_a_number_its_monitor_refuses_gives_no_score(stored: Path, tmp_path: Pat
     assert found(stored, rules, log=EXAMPLE)["separation.delta_m"].low is None
 
 
+@pytest.mark.slow
 def test_the_weights_of_a_penalty_are_varied_too(stored: Path, tmp_path: Path) -> None:
     text = "score: task\ninclude: [penalty.gated_hyperbolic]\nsafety: {separation: {class: separation}}\n"
     each = found(stored, _file(tmp_path, HEAD + text))

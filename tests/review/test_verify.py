@@ -124,6 +124,7 @@ def test_a_run_of_a_competition_is_found_by_the_names_of_its_files(
     assert "logs/cygnus/kitting_1/trial_log.txt: another file" in words(again, "log")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", ["logs/{team}/{trial}_{run}.jsonl", "logs/{team}/{trial}_{run}"])
 def test_ranked_runs_of_any_layout_verify_against_their_competition(
     pattern: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -59,6 +59,7 @@ def ranked(held: tuple[Competition, RuleSet, Results], **numbers: float) -> dict
     return {standing.team: (standing.rank, standing.execution) for standing in found.standings}
 
 
+@pytest.mark.slow
 def test_the_recordings_are_the_same_each_time_they_are_made(cell: Path, tmp_path: Path) -> None:
     MADE.make(tmp_path, teams=("owl",), runs=(2,))
 
@@ -66,6 +67,7 @@ def test_the_recordings_are_the_same_each_time_they_are_made(cell: Path, tmp_pat
         assert file.read_bytes() == (cell / file.relative_to(tmp_path)).read_bytes()
 
 
+@pytest.mark.slow
 def test_every_point_is_what_scoring_by_its_rules_gives(held: Any) -> None:
     found = explored(held, {"approach": [0, 8], "reaction": [0.3]})
 

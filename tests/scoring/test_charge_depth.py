@@ -187,6 +187,7 @@ def test_violating_in_a_pause_never_pays(values: list[float], data: st.DataObjec
     assert cost(*of(joined)) >= cost(*of(values)) - 1e-9
 
 
+@pytest.mark.slow
 @given(depths.filter(bool), depths.filter(bool), st.lists(depths, max_size=19))
 def test_what_lies_between_two_at_least_as_deep_changes_nothing(
     left: float, right: float, between: list[float]

@@ -393,6 +393,7 @@ def each_line(ledger: Line) -> Iterator[str]:
     return (line.path for line in ledger.walk())
 
 
+@pytest.mark.slow
 @LAWFUL
 @given(LEDGERS, st.data(), st.integers(-3, 3).filter(bool))
 def test_no_amount_of_a_ledger_can_be_changed_unnoticed(

@@ -367,6 +367,7 @@ score: >-
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not AIC.is_file(), reason="the official cases of AIC are not here")
 def test_the_duration_of_aic_is_priced_as_its_own_scorer_does(subtests: pytest.Subtests) -> None:
     with gzip.open(AIC, "rt", encoding="utf-8") as file:

@@ -262,6 +262,7 @@ def worlds_of(findings: Mapping[str, Finding]) -> list[dict[str, Finding]]:
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(formula=FORMULAS, seen=SEEN)
 def test_the_true_score_is_within_the_interval_and_where_it_is_tight_at_its_ends(
@@ -281,6 +282,7 @@ def test_the_true_score_is_within_the_interval_and_where_it_is_tight_at_its_ends
         assert (least, most) == (min(scores), max(scores))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(formula=FORMULAS, seen=SEEN, of=st.integers(0, 8))
 def test_what_is_not_known_never_scores_above_what_is(formula: str, seen: Mapping[str, str], of: int) -> None:

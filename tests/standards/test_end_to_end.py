@@ -128,6 +128,7 @@ def test_without_positions_nothing_that_needs_them_is_satisfied(tmp_path: Path, 
         assert set(found[name].values()) == {"inconclusive"}, name
 
 
+@pytest.mark.slow
 def test_the_example_is_scored_with_every_monitor_and_its_score_stays(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -379,6 +379,7 @@ def test_stamps_are_those_of_samples(subtests: pytest.Subtests) -> None:
                 assert set(chart.t.tolist()) <= times
 
 
+@pytest.mark.slow
 def test_it_is_margined_and_keeps_the_contract(subtests: pytest.Subtests) -> None:
     for name in MARGINED:
         with subtests.test(name=name):

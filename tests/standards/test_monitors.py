@@ -1234,6 +1234,7 @@ def test_a_formula_is_about_bodies_of_any_kind() -> None:
     assert (nobody.verdict, nobody.message) == (INCONCLUSIVE, "the log shows no vehicle")
 
 
+@pytest.mark.slow
 def test_what_a_violation_measures_a_clean_trial_measures_too(subtests: pytest.Subtests) -> None:
     """A price on a quantity is one in every trial; the sheet takes a name nobody has for a misspelt one."""
     cases = BUSY
@@ -2023,6 +2024,7 @@ ROOT = Path(__file__).parents[2]
 RECORDED = ROOT / "examples/kitting_near_miss.mcap"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["recorded", "human_state", "frames"])
 def test_d_min_in_four_lines_of_yaml_is_the_seed_profile_on_every_sample_of_the_example(
     motion: Any, tmp_path: Path

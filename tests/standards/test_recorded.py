@@ -113,6 +113,7 @@ def _evidence(finding: Finding) -> list[tuple[float, Any, str]]:
     return [(sample.t_s, sample.value, sample.unit) for sample in finding.evidence]
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize(
     "numbers",

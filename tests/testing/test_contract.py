@@ -101,6 +101,7 @@ FURTHER: tuple[tuple[str, dict[str, Any]], ...] = (
 """Monitors that work in another way with these parameters."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "parameters"), FURTHER)
 def test_the_contract_is_kept_with_other_parameters_too(name: str, parameters: dict[str, Any]) -> None:
     for check in contract_checks(REGISTRY.find(MONITORS, name).build(parameters), MADE):

@@ -92,12 +92,14 @@ def test_what_is_shipped_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert kinds >= {"rules", "readers", "rule_sets", "log_maps", "penalties", "exports", "commands"}
 
 
+@pytest.mark.slow
 def test_a_sound_stranger_is_nothing_to_speak_of(install: Install) -> None:
     install("fair-rules", {"fair.play": "Rule"}, source=RULE)
 
     assert ailments() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ILL)
 def test_what_is_wrong_is_named_with_distribution_and_version(
     install: Install, name: str, capsys: pytest.CaptureFixture[str]
@@ -133,6 +135,7 @@ def test_two_distributions_with_one_name_are_both_named(install: Install) -> Non
     assert found_wrong == [("fair.play (fair-rules 1.0)", both), ("fair.play (foul-rules 1.0)", both)]
 
 
+@pytest.mark.slow
 def test_a_group_that_does_not_exist_is_named(install: Install) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE, group="ariac_score.rule")
 
@@ -141,12 +144,14 @@ def test_a_group_that_does_not_exist_is_named(install: Install) -> None:
     assert ill.hint == "did you mean 'ariac_score.rules'?"
 
 
+@pytest.mark.slow
 def test_a_name_that_no_rule_set_can_use_is_named(install: Install) -> None:
     install("odd-rules", {"Odd": "Rule"}, source=RULE)
 
     assert [ill.problem for ill in ailments()] == ["has a name that no rule set can use"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("required", "ill"),
     [
@@ -181,12 +186,14 @@ def test_a_distribution_without_metadata_is_named(install: Install, tmp_path: Pa
 # The other actions ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plugins_are_listed_with_the_hash_of_their_code(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plugins", "list", "--hash"]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if " kitting.pose " in line]
     assert package_sha256("ariac_score_ariac")[:16] in line
 
 
+@pytest.mark.slow
 def test_the_list_can_be_had_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plugins", "list", "--output-format", "json"]) == 0
 
@@ -197,6 +204,7 @@ def test_the_list_can_be_had_as_json(capsys: pytest.CaptureFixture[str]) -> None
     assert row["problem"] == ""
 
 
+@pytest.mark.slow
 def test_a_broken_plugin_is_in_the_list_and_stops_no_other(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -213,6 +221,7 @@ def test_a_broken_plugin_is_in_the_list_and_stops_no_other(
     ]
 
 
+@pytest.mark.slow
 def test_the_signature_of_a_dataclass_is_no_description(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -246,6 +255,7 @@ def test_an_unknown_plugin_is_refused_with_the_nearest_known_one(
     assert "did you mean 'kitting.pose'?" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_check_says_of_every_requirement_whether_it_is_kept(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plugins", "check", "kitting.pose"]) == 0
 
@@ -254,6 +264,7 @@ def test_a_check_says_of_every_requirement_whether_it_is_kept(capsys: pytest.Cap
     assert all(line.startswith("  kept    ") for line in lines[1:])
 
 
+@pytest.mark.slow
 def test_a_broken_contract_is_said_and_the_other_checks_go_on(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,6 +278,7 @@ def test_a_broken_contract_is_said_and_the_other_checks_go_on(
     assert "kept    time_shift" in out
 
 
+@pytest.mark.slow
 def test_a_plugin_that_cannot_be_built_fails_its_check(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,6 +291,7 @@ def test_a_plugin_that_cannot_be_built_fails_its_check(
     )
 
 
+@pytest.mark.slow
 def test_a_budget_that_is_not_kept_is_named(install: Install, capsys: pytest.CaptureFixture[str]) -> None:
     source = RULE.replace("        yield", "        while True: pass\n        yield")
     install("odd-rules", {"odd.rule": "Rule"}, source=source, version="6.6")
@@ -310,6 +323,7 @@ def test_a_monitor_is_checked_on_a_log_without_orders_and_a_rule_is_not(
     assert "no item was found" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -326,6 +340,7 @@ def test_a_check_that_makes_no_sense_is_refused(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_log_that_is_not_there_is_the_users_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plugins", "check", "kitting.pose", "--trial", "nowhere.jsonl"]) == 5
     assert "nowhere.jsonl" in capsys.readouterr().err

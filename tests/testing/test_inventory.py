@@ -65,6 +65,7 @@ def test_every_group_of_our_entry_points_is_known() -> None:
     assert len(ALL_GROUPS) == len(set(ALL_GROUPS))
 
 
+@pytest.mark.slow
 def test_each_kind_is_in_the_list_with_its_distribution_and_a_line_about_it(
     hop: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -93,6 +94,7 @@ def test_a_file_is_shown_with_its_text_and_its_hash(hop: str, capsys: pytest.Cap
     assert capsys.readouterr().out.startswith("rule_set of ariac-score ")
 
 
+@pytest.mark.slow
 def test_everything_that_is_shipped_can_be_shown() -> None:
     registry = Registry()
     for one in brought(registry):
@@ -101,6 +103,7 @@ def test_everything_that_is_shipped_can_be_shown() -> None:
             assert page_of(one).startswith(f"# `{one.name}`"), one.name
 
 
+@pytest.mark.slow
 def test_the_doctor_finds_nothing_wrong_with_what_is_sound(hop: str) -> None:
     assert ailments() == []
 
@@ -117,6 +120,7 @@ def test_a_name_of_nothing_is_refused_with_near_ones(install: Install, name: str
     assert refused.value.hint
 
 
+@pytest.mark.slow
 def test_what_two_bring_is_refused(hop: str, install: Install) -> None:
     install("foul-score", {"hop_best": "f"}, source="def f(s): ...", group="ariac_score.ranking_policies")
 
@@ -152,6 +156,7 @@ def test_what_is_wrong_with_each_kind_is_named(install: Install, kind: str) -> N
     assert (row.kind, row.summary) == (kind, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -36,6 +36,7 @@ def test_every_link_of_the_list_leads_to_a_page() -> None:
     assert all((DOCS / link).is_file() for link in links)
 
 
+@pytest.mark.slow
 def test_a_page_that_nobody_brings_any_more_is_removed(tmp_path: Path) -> None:
     (tmp_path / "rules").mkdir()
     (tmp_path / "rules/kitting.gone.md").write_text("# gone")

@@ -88,6 +88,7 @@ def offering() -> list[RecordsTrials]:
     return [one for one in built if isinstance(one, RecordsTrials)]
 
 
+@pytest.mark.slow
 def test_the_command_records_in_the_messages_of_the_one_competition_that_offers_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,6 +105,7 @@ def test_the_command_records_in_the_messages_of_the_one_competition_that_offers_
     assert (tmp_path / "made.bag").read_bytes() == recorded[recorder.motions[0]]
 
 
+@pytest.mark.slow
 def test_where_several_competitions_offer_messages_one_is_to_be_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -121,6 +123,7 @@ def test_where_several_competitions_offer_messages_one_is_to_be_named(
     assert (tmp_path / "made.bag").read_bytes() == (tmp_path / "expected.bag").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_command_records_without_a_competition_given_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

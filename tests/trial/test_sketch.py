@@ -258,6 +258,7 @@ def test_a_result_of_before_has_no_sketch_and_is_still_read(tmp_path: Path) -> N
     assert load_result(tmp_path / "old.json").measured.sketch is None
 
 
+@pytest.mark.slow
 def test_the_sketch_does_not_depend_on_the_order_of_signals(tmp_path: Path) -> None:
     trial = kitting_trial()
     turned: dict[str, Signal] = dict(reversed(trial.signals.items()))

@@ -224,6 +224,7 @@ def same(ours: Any, expected: Any) -> bool:
     return bool(ours == expected)
 
 
+@pytest.mark.slow
 def test_some_cases_are_as_the_official_scorer_has_them(
     folder: Path, tmp_path: Path, subtests: pytest.Subtests, request: pytest.FixtureRequest
 ) -> None:

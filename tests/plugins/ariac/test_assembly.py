@@ -371,6 +371,7 @@ def test_greedy_fills_as_the_simulator_walks_and_never_more_than_the_best(passin
     assert filled <= sum(part is not None for part in best_assignment(passing))
 
 
+@pytest.mark.slow
 @given(
     names=st.lists(st.sampled_from([PUMP, BLUE, "assembly_battery_red"]), min_size=1, max_size=4),
     places=st.permutations(range(4)),

@@ -371,6 +371,7 @@ POSES = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(frame_pose=POSES, thing=POSES)
 def test_a_frame_changes_no_distance(frame_pose: Pose, thing: Pose) -> None:
     moved = thing.seen_from(frame_pose)

@@ -515,6 +515,7 @@ def trial_2024(dollars: int, orders: Mapping[str, tuple[int, str | None]]) -> Tr
     )
 
 
+@pytest.mark.slow
 @given(TEAMS)
 def test_2024_is_the_evaluation_to_the_last_bit(teams: Teams) -> None:
     rule_set = load_rule_set("ariac2024.official")

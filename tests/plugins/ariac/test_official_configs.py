@@ -103,6 +103,7 @@ def shipments(order: Any) -> list[tuple[int, int]]:
     return [(count, len(order.get("products", order.get("parts"))))]
 
 
+@pytest.mark.slow
 def test_every_official_file_is_accounted_for() -> None:
     assert {kind: len(of_kind(kind)) for kind in sorted(set(kinds().values()))} == {
         "empty": 1,
@@ -114,6 +115,7 @@ def test_every_official_file_is_accounted_for() -> None:
     assert sorted({name[:4] for name in kinds()}) == [str(year) for year in range(2017, 2026)]
 
 
+@pytest.mark.slow
 def test_every_official_trial_loads_whole(subtests: pytest.Subtests) -> None:
     for name in of_kind("trial"):
         with subtests.test(name):

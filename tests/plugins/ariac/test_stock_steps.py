@@ -349,6 +349,7 @@ def made_up(random: Random) -> Happened:
     return Happened(deliveries, handed_in, orders, trays, score_course(*changes), lines, printed)
 
 
+@pytest.mark.slow
 def test_what_is_named_is_what_happened_and_what_is_neither_named_nor_open_did_not() -> None:
     """100 trials that were made up; of alike shipments of an order each may stand for another."""
     random, counts = Random(20), Counter[str]()  # noqa: S311
