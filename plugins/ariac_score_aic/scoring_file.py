@@ -123,9 +123,14 @@ class AicScoringReader:
     )
 
     def can_read(self, path: Path) -> bool:
-        """Whether it is YAML that begins with `total:`, and is about tiers or called `scoring.yaml`."""
+        """Whether it is YAML that begins with `total:`, and is about tiers or called `scoring.yaml`.
+
+        One of that name that ends before it says so much is its file as well: the engine was stopped.
+        """
         text = text_at_top(path)
-        return text.startswith("total:") and ("tier_1:" in text or path.name == "scoring.yaml")
+        if path.name == "scoring.yaml":
+            return "total:".startswith(text.strip()[:6])
+        return text.startswith("total:") and "tier_1:" in text
 
     def describe(self, path: Path) -> LogDescription:
         """The total and the trials."""

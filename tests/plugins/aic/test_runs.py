@@ -440,7 +440,7 @@ def test_an_official_result_that_was_cut_off_is_refused_with_its_line(tmp_path: 
     scoring = tmp_path / "run/scoring.yaml"
     text = scoring.read_text(encoding="utf-8")
 
-    for cut in ("  tier_3:", "        score: 6.87", "total: 94"):
+    for cut in ("  tier_3:", "        score: 6.87", "total: 94", "tot", ""):
         scoring.write_text(text[: text.index(cut) + len(cut)], encoding="utf-8")
         with pytest.raises(ScoreError) as refused:
             score_trial(tmp_path / "run", CODED)
