@@ -2,15 +2,96 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event, EventNumber
 from ariac_score.trial.model import Trial
+from ariac_score.trial.spans import Span
 from ariac_score.trial.statements import BY_RULES, NOBODY, RECORDER, Statement
+from ariac_score.trial.work import announced_s
 
-__all__ = ["RECORDING", "lacks_start", "with_window"]
+__all__ = ["RECORDING", "WindowEnds", "ends_of", "lacks_start", "stated_late", "with_window"]
 
 RECORDING = "recording"
 """The rules take the whole recording for the competition where it shows neither start nor end."""
+
+
+LATE = "late_by_at_most"
+"""The number of a start or an end that says by how much earlier it may have been, in s."""
+
+_SHORTEST_S = 1e-3
+
+
+def stated_late(event: Event, by_s: float) -> Event:
+    """A start or an end of the competition that was so much earlier at most.
+
+    A topic that is published at a rate tells it that much too late.
+
+    >>> stated_late(Event(5.0, COMPETITION_STARTED), 0.1).number("late_by_at_most", unit="s")
+    0.1
+    """
+    return replace(event, numbers=(*event.numbers, EventNumber(LATE, by_s, "s")))
+
+
+@dataclass(frozen=True)
+class WindowEnds:
+    """Between which moments the competition started, and between which it ended.
+
+    Attributes:
+        start: When it may have started, s of trial time.
+        end: When it may have ended.
+    """
+
+    start: Span
+    end: Span
+
+    def of(self, trial: Trial, *, longest: bool) -> Trial:
+        """The trial as if the competition had been as long as it may have been, or as short."""
+        others = [e for e in trial.events if e.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
+        start_s = self.start.start_s if longest else self.start.end_s
+        end_s = self.end.end_s if longest else max(self.end.start_s, start_s + _SHORTEST_S)
+        ends = (Event(start_s, COMPETITION_STARTED), Event(end_s, COMPETITION_ENDED))
+        return replace(trial, events=tuple(sorted([*others, *ends])))
+
+    @property
+    def words(self) -> str:
+        """How well either is known, in words."""
+        both = (("start", self.start), ("end", self.end))
+        known = [f"its {name} within {_length(span)}" for name, span in both if span.duration_s > 0.0]
+        return f"the log states when the competition was at a rate: {', '.join(known)}"
+
+
+def _length(span: Span) -> str:
+    return f"{1000.0 * span.duration_s:.0f} ms"
+
+
+def ends_of(trial: Trial) -> WindowEnds | None:
+    """Between which moments the competition started and ended; `None` where the log states both exactly.
+
+    Nothing is handed in or announced outside of a competition, so each of them narrows it.
+    """
+    window, started_s, ended_s = trial.window, trial.started_s, trial.ended_s
+    if window is None or started_s is None or ended_s is None or not started_s < ended_s:
+        return None
+    late_s = [_late_s(trial, *end) for end in ((COMPETITION_STARTED, started_s), (COMPETITION_ENDED, ended_s))]
+    if not any(late_s):
+        return None
+    work = [announced_s(item) for item in trial.work]
+    known = [t_s for t_s in (*work, *(one.submitted_s for one in trial.submissions)) if t_s is not None]
+    first_s, last_s = started_s - late_s[0], ended_s - late_s[1]
+    start_s = min([started_s, *(t_s for t_s in known if t_s >= first_s)])
+    end_s = max([last_s, *(t_s for t_s in known if t_s <= ended_s)])
+    opened_s = window.start_s  # by work that was announced early, however early the start was
+    start = Span(opened_s, opened_s) if opened_s <= first_s else Span(first_s, start_s)
+    return WindowEnds(start, Span(min(end_s, ended_s), ended_s))
+
+
+def _late_s(trial: Trial, kind: str, at_s: float) -> float:
+    """By how much earlier a start or an end may have been than it is stated, s."""
+    stated: Sequence[Event] = [event for event in trial.events_of(kind) if event.t_s == at_s]
+    late_s = [event.number(LATE, unit="s") or 0.0 for event in stated]
+    return min(late_s, default=0.0)  # another log may state the same moment exactly
 
 
 def lacks_start(trial: Trial, rule: str) -> bool:

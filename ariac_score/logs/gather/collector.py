@@ -763,7 +763,9 @@ class _Intake:
                 continue
             said.append(item)
             times_s.append((stamp_ns - origin_ns) / 1e9)
-        for item in changes(self.channel.topic, said, builder, times_s):
+        delay_s = arrival_jitter_s(np.sort(np.array(times_s))) if self.by_arrival else 0.0
+        rate = self.channel.rate_hz > 0.0
+        for item in changes(self.channel.topic, said, builder, times_s, delay_s=delay_s, at_a_rate=rate):
             builder.add(item)
         if len(reasons) == len(self._items):
             builder.unrecorded.append(

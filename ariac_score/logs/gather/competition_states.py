@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 from ariac_score.errors import LogError
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.window import stated_late
 
 __all__ = ["STATES", "changes"]
 
@@ -25,18 +27,29 @@ Whoever leaves out the words between moves the start behind what happened in tha
 
 
 def changes(
-    topic: str, items: Sequence[Any], builder: TrialBuilder, times_s: Sequence[float] = ()
+    topic: str,
+    items: Sequence[Any],
+    builder: TrialBuilder,
+    times_s: Sequence[float] = (),
+    *,
+    delay_s: float = 0.0,
+    at_a_rate: bool = False,
 ) -> Iterator[Any]:
     """What the messages of a topic say, each state once, where it begins.
 
     A topic that states over and over that the competition runs, from its first message on, was recorded too
     late: when the competition started is not in the log. The same holds where it was silent for long before.
 
+    Such a topic says at its rate what has changed since its last message, so a start or an end that it states
+    was at any moment between both. One that speaks only when something changes says it at once.
+
     Args:
         topic: Its name.
         items: What each message says, in recorded order; `None`: nothing.
         builder: Takes the defects, and says when the recording begins.
         times_s: When each message came, s of trial time.
+        delay_s: By how much later than it was sent a message may have come, s.
+        at_a_rate: Whether the log map says that it is published at a rate.
 
     Raises:
         LogError: The competition runs again after it was over.
@@ -44,6 +57,7 @@ def changes(
     late = [_state(item) for item in items[:_OVER_AND_OVER]] == [COMPETITION_STARTED] * _OVER_AND_OVER
     first = next((i for i, item in enumerate(items) if _state(item) == COMPETITION_STARTED), None)
     silent_s = _silent_s(first, times_s, builder)
+    repeats = bool(times_s) and (at_a_rate or _repeats(items))
     before: str | None = None
     ended: Event | None = None
     for place, item in enumerate(items):
@@ -67,6 +81,9 @@ def changes(
                 "since when"
             )
             builder.defect("late_recording", topic, 1, message)
+        elif state is not None and state != before and repeats:
+            since_s = _silent_s(place, times_s, builder)
+            yield stated_late(item, since_s + delay_s) if since_s > 0.0 else item
         elif item is not None and (state is None or state != before):
             yield item
         if state == COMPETITION_ENDED and ended is None:
@@ -74,13 +91,19 @@ def changes(
         before = state
 
 
-def _silent_s(first: int | None, times_s: Sequence[float], builder: TrialBuilder) -> float:
-    """How long a topic was silent before it first said that the competition runs, s; 0 where nobody knows."""
-    if first is None or not times_s:
+def _silent_s(place: int | None, times_s: Sequence[float], builder: TrialBuilder) -> float:
+    """How long a topic was silent before one of its messages, s; 0 where nobody knows."""
+    if place is None or not times_s:
         return 0.0
-    if first:
-        return times_s[first] - times_s[first - 1]
-    return 0.0 if builder.recorded is None else times_s[first] - builder.recorded.start_s
+    if place:
+        return times_s[place] - times_s[place - 1]
+    return 0.0 if builder.recorded is None else times_s[place] - builder.recorded.start_s
+
+
+def _repeats(items: Sequence[Any]) -> bool:
+    """Whether a topic states over and over what it has said already."""
+    states = (_state(item) for item in items)
+    return any(state is not None and len(list(same)) >= _OVER_AND_OVER for state, same in groupby(states))
 
 
 def _state(item: Any) -> str | None:
