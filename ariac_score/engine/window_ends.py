@@ -51,8 +51,12 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
     )
     lengths = [_by_subject(one) for one in (shortest, asked, longest)]
     subjects = sorted({subject for found in lengths for subject in found})
-    opened = [_opened(subject, [found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects]
-    return _numbered(each.name, [(s, one) for s, one in zip(subjects, opened, strict=True) if one is not None])
+    opened = [
+        _opened(subject, [found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects
+    ]
+    return _numbered(
+        each.name, [(s, one) for s, one in zip(subjects, opened, strict=True) if one is not None]
+    )
 
 
 def _said_before(origin: str, text: str) -> None:

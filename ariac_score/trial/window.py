@@ -74,7 +74,9 @@ def ends_of(trial: Trial) -> WindowEnds | None:
     window, started_s, ended_s = trial.window, trial.started_s, trial.ended_s
     if window is None or started_s is None or ended_s is None or not started_s < ended_s:
         return None
-    late_s = [_late_s(trial, *end) for end in ((COMPETITION_STARTED, started_s), (COMPETITION_ENDED, ended_s))]
+    late_s = [
+        _late_s(trial, *end) for end in ((COMPETITION_STARTED, started_s), (COMPETITION_ENDED, ended_s))
+    ]
     if not any(late_s):
         return None
     work = [announced_s(item) for item in trial.work]

@@ -630,6 +630,46 @@ def test_a_competition_of_2023_starts_once_whether_or_not_its_first_state_was_se
     assert len(trial.events) == 2
 
 
+@pytest.mark.parametrize(
+    ("states", "rate_hz", "late_s"),
+    [
+        # The last word before each change is 1 s before it.
+        (["init", "go", "go", "go", "done"], 0.0, (1.0, 1.0)),
+        (["ready", "", "", "go", "go", "go", "", "", "", "end_game"], 0.0, (3.0, 4.0)),  # words were lost
+        # Who speaks only when something changes says it at once, unless his organiser states a rate.
+        (["init", "ready", "go", "end_game", "done"], 0.0, (0.0, 0.0)),
+        (["init", "ready", "go", "end_game", "done"], 1.0, (1.0, 1.0)),
+        (["go", "", "", "", "done"], 0.0, (0.0, 0.0)),
+    ],
+)
+def test_a_topic_that_repeats_its_state_states_a_change_at_its_rate(
+    tmp_path: Path, states: list[str], rate_hz: float, late_s: tuple[float, float]
+) -> None:
+    messages = [
+        Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(states) if s
+    ]
+    path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
+
+    trial = RosbagReader().read(path, wanted(Channel("/state", decoder="gear", rate_hz=rate_hz)))
+
+    assert tuple(event.number("late_by_at_most", unit="s") or 0.0 for event in trial.events) == late_s
+
+
+def test_a_last_word_that_came_late_was_said_earlier(tmp_path: Path) -> None:
+    # `init` of 0.4 s came with a delay of 60 ms, which the next words make up for.
+    times_s = [0.0, 0.1, 0.2, 0.3, 0.46, 0.5, *(0.6 + 0.1 * i for i in range(20))]
+    messages = [
+        Recorded("/state", "std_msgs/msg/String", round(t_s * 1e9), {"data": "init" if i < 5 else "go"})
+        for i, t_s in enumerate(times_s)
+    ]
+    path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
+
+    (started,) = RosbagReader().read(path, wanted(Channel("/state", decoder="gear"))).events
+
+    assert started.t_s == 0.5
+    assert started.number("late_by_at_most", unit="s") == pytest.approx(0.1)
+
+
 @pytest.mark.slow
 def test_what_no_plan_can_express_is_decoded_one_by_one_and_speed_message(tmp_path: Path) -> None:
     """More fields than a plan takes: rosbags reads each message, and the trial tells."""

@@ -262,6 +262,37 @@ def test_what_a_killed_recorder_left_contains_what_another_one_recorded(ros: Rob
     assert cut.interval.least <= honest.interval.least <= honest.interval.most <= cut.interval.most
 
 
+def test_a_violation_that_outlasts_the_competition_counts_for_as_long_as_that_may_have_been(
+    ros: RobotOs, tmp_path: Path
+) -> None:
+    """Start and end are in the bag up to 0.1 s late; at 0.5 m/s 3.85 m are required, and 3.74 m the most."""
+    bag = ros.start("/usr/bin/rosbag", "record", "-O", "trial.bag", *TOPICS)
+    listener = ros.start("/usr/bin/rosbag", "record", "-O", "second.bag", *TOPICS)
+    cell = ros.python(HERE / "cell", "lasting")  # it waits for both
+    assert ros.wait(cell, 30.0) == 0, ros.said(cell)
+    for recorder in (bag, listener):
+        send(recorder, signal.SIGINT)
+        ros.wait(recorder, 20.0)
+    said = dict(line.split() for line in ros.said(cell).splitlines() if line[:3] in ("go ", "don"))
+    lasted_s = float(said["done"]) - float(said["go"])
+    rules = tmp_path / "walk.yaml"
+    rules.write_text(
+        "id: walk\ntitle: Walk\nsource: this test\nextends: paper2020.published\n"
+        "bounds:\n  human: {max_speed_m_s: 0.6, max_acceleration_m_s2: 2.0, source: its walk}\n"
+        "  robot: {max_speed_m_s: 0.1, source: it stands}\n"
+    )
+
+    result = score_trial(tmp_path / "trial.bag", rules)
+    (separation,) = (one for one in result.measured.open if one.check == "separation")
+    least_s, most_s = (
+        sum(finding.quantities.get("time_in_violation_s", 0.0) for finding in world.values())
+        for world in (separation.best, separation.worst)
+    )
+    assert least_s <= lasted_s <= most_s
+    assert 0.0 < most_s - least_s < 1.0  # twice 0.1 s, and what a busy machine adds
+    assert any("when the competition was at a rate" in cause.text for cause in separation.causes)
+
+
 def test_a_recorder_without_a_master_or_a_plan_says_what_to_do(tmp_path: Path, messages: Path) -> None:
     nowhere = RobotOs(tmp_path, messages)
     try:

@@ -21,7 +21,7 @@ from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message, normalised_type
-from ariac_score.logs.gather.arrival import arrival_jitter_s
+from ariac_score.logs.gather.arrival import arrival_delays_s, arrival_jitter_s
 from ariac_score.logs.gather.clock_witnesses import WITNESSES, ClockWitnesses
 from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE, Clocks, TrialClock
 from ariac_score.logs.gather.collected_columns import (
@@ -763,9 +763,9 @@ class _Intake:
                 continue
             said.append(item)
             times_s.append((stamp_ns - origin_ns) / 1e9)
-        delay_s = arrival_jitter_s(np.sort(np.array(times_s))) if self.by_arrival else 0.0
+        late_s = arrival_delays_s(np.sort(np.array(times_s))) if self.by_arrival else ()
         rate = self.channel.rate_hz > 0.0
-        for item in changes(self.channel.topic, said, builder, times_s, delay_s=delay_s, at_a_rate=rate):
+        for item in changes(self.channel.topic, said, builder, times_s, delays_s=late_s, at_a_rate=rate):
             builder.add(item)
         if len(reasons) == len(self._items):
             builder.unrecorded.append(

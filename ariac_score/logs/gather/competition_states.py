@@ -9,6 +9,7 @@ from typing import Any
 from ariac_score.errors import LogError
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.window import stated_late
 
 __all__ = ["STATES", "changes"]
@@ -32,7 +33,7 @@ def changes(
     builder: TrialBuilder,
     times_s: Sequence[float] = (),
     *,
-    delay_s: float = 0.0,
+    delays_s: Sequence[float] | FloatArray = (),
     at_a_rate: bool = False,
 ) -> Iterator[Any]:
     """What the messages of a topic say, each state once, where it begins.
@@ -48,7 +49,7 @@ def changes(
         items: What each message says, in recorded order; `None`: nothing.
         builder: Takes the defects, and says when the recording begins.
         times_s: When each message came, s of trial time.
-        delay_s: By how much later than it was sent a message may have come, s.
+        delays_s: By how much later than it was sent each message came, s; empty: none was late.
         at_a_rate: Whether the log map says that it is published at a rate.
 
     Raises:
@@ -83,7 +84,8 @@ def changes(
             builder.defect("late_recording", topic, 1, message)
         elif state is not None and state != before and repeats:
             since_s = _silent_s(place, times_s, builder)
-            yield stated_late(item, since_s + delay_s) if since_s > 0.0 else item
+            since_s += float(delays_s[place - 1]) if place and len(delays_s) else 0.0
+            yield stated_late(item, since_s) if since_s > 0.0 else item
         elif item is not None and (state is None or state != before):
             yield item
         if state == COMPETITION_ENDED and ended is None:

@@ -1,0 +1,155 @@
+"""A competition whose start and end a topic states at its rate: each lies between two of its messages.
+
+The near miss of the example lasts from 18.805 s to 21.205 s; its orders come at 1 s and at 8 s, and what was
+asked for is handed in at 14 s and at 31 s. What exact ends give is the measure of those that are not exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from ariac_score import (
+    ARM_COLLISION,
+    COMPETITION_ENDED,
+    COMPETITION_STARTED,
+    Event,
+    Result,
+    Trial,
+    load_rule_set,
+    measure_trial,
+    price_trial,
+)
+from ariac_score.engine.prepared import prepare
+from ariac_score.results.result import Pinned, Provenance
+from ariac_score.trial.window import ends_of, stated_late
+from ariac_score_ariac.testing import kitting_trial
+
+PAPER = load_rule_set("paper2020.published")
+PREPARED = prepare(PAPER)
+TRIAL = kitting_trial()
+PROVENANCE = Provenance((), (), Pinned(PAPER.id, PAPER.sha256), Pinned("ariac2020", "0" * 64), ())
+
+
+def at(started_s: float, ended_s: float, *, late_s: tuple[float, float] = (0.0, 0.0)) -> Trial:
+    """The example, without work, as a competition that is stated so much too late at most."""
+    ends = (Event(started_s, COMPETITION_STARTED), Event(ended_s, COMPETITION_ENDED))
+    stated = [stated_late(one, by_s) if by_s else one for one, by_s in zip(ends, late_s, strict=True)]
+    return replace(TRIAL, work=(), submissions=(), events=tuple(stated))
+
+
+def scored(trial: Trial) -> Result:
+    return price_trial(measure_trial(trial, PREPARED), PAPER, PROVENANCE)
+
+
+def time_in_violation_s(trial: Trial) -> float:
+    found = measure_trial(trial, PREPARED).of("separation").values()
+    return sum(finding.quantities["time_in_violation_s"] for finding in found)
+
+
+def open_times_s(trial: Trial) -> tuple[float, float]:
+    (one,) = (one for one in measure_trial(trial, PREPARED).open if one.check == "separation")
+    best, worst = (
+        sum(finding.quantities["time_in_violation_s"] for finding in world.values())
+        for world in (one.best, one.worst)
+    )
+    return best, worst
+
+
+@pytest.mark.parametrize(
+    ("started_s", "ended_s", "late_s"),
+    [(10.0, 20.0, (0.0, 0.4)), (20.0, 30.0, (0.4, 0.0)), (19.5, 20.5, (0.3, 0.2))],
+)
+def test_a_violation_at_an_uncertain_end_lasts_as_long_as_the_competition_may_have(
+    started_s: float, ended_s: float, late_s: tuple[float, float]
+) -> None:
+    shortest, longest = at(started_s, ended_s - late_s[1]), at(started_s - late_s[0], ended_s)
+
+    assert open_times_s(at(started_s, ended_s, late_s=late_s)) == pytest.approx(
+        (time_in_violation_s(shortest), time_in_violation_s(longest)), abs=1e-9
+    )
+    assert time_in_violation_s(longest) - time_in_violation_s(shortest) == pytest.approx(
+        sum(late_s), abs=0.02
+    )
+
+
+def test_the_score_lies_between_those_of_the_longest_and_the_shortest_competition() -> None:
+    # The last submission is before the near miss: only the ends differ.
+    trial = replace(TRIAL, submissions=TRIAL.submissions[:1])
+    announced = [event for event in trial.events if event.kind == "order_announced"]
+
+    def ended(*ends: Event) -> Trial:
+        return replace(trial, events=(Event(0.5, COMPETITION_STARTED), *announced, *ends))
+
+    exact = [scored(ended(Event(t_s, COMPETITION_ENDED))).score for t_s in (20.0, 19.6)]
+    found = scored(ended(stated_late(Event(20.0, COMPETITION_ENDED), 0.4)))
+
+    assert found.interval is not None
+    assert [found.interval.least, found.interval.most] == exact
+    assert found.score == found.interval.least < found.interval.most
+    (narrows,) = found.interval.narrowing
+    assert narrows.cause == "the log states when the competition was at a rate: its end within 400 ms"
+
+
+def test_ends_at_which_nothing_happens_cost_nothing() -> None:
+    exact = [e for e in TRIAL.events if e.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
+    ends = (
+        stated_late(Event(0.5, COMPETITION_STARTED), 0.1),
+        stated_late(Event(38.0, COMPETITION_ENDED), 0.1),
+    )
+    trial = replace(TRIAL, events=(*exact, *ends))
+
+    assert ends_of(trial) is not None
+    assert scored(trial).interval is None
+    assert scored(trial).score == scored(TRIAL).score
+
+
+def test_stated_exactly_it_has_no_width() -> None:
+    assert ends_of(TRIAL) is None
+
+
+def test_what_was_handed_in_or_announced_was_in_the_competition() -> None:
+    trial = at(15.0, 32.0, late_s=(2.0, 3.0))
+    (first, last) = TRIAL.submissions  # at 14 s and at 31 s
+    handed_in = ends_of(replace(trial, submissions=(first, last)))
+    announced = ends_of(replace(trial, work=TRIAL.work[:1]))  # at 1 s, which opens the competition
+
+    assert handed_in is not None
+    assert (handed_in.start.start_s, handed_in.start.end_s) == (13.0, 14.0)
+    assert (handed_in.end.start_s, handed_in.end.end_s) == (31.0, 32.0)
+    assert announced is not None
+    assert announced.start.duration_s == 0.0
+
+
+def test_one_log_that_states_an_end_exactly_is_enough() -> None:
+    trial = at(1.0, 30.0, late_s=(0.0, 0.1))
+
+    assert ends_of(replace(trial, events=(*trial.events, Event(30.0, COMPETITION_ENDED)))) is None
+
+
+@pytest.mark.parametrize(
+    ("hit_s", "worlds"),
+    [(29.95, (0, 1)), (29.5, None), (30.05, None)],
+    ids=["at the edge", "in it", "after it"],
+)
+def test_a_collision_counts_at_worst_where_the_competition_may_have_been_over(
+    hit_s: float, worlds: Sequence[int] | None
+) -> None:
+    trial = at(1.0, 30.0, late_s=(0.0, 0.1))
+    trial = replace(trial, events=(*trial.events, Event(hit_s, ARM_COLLISION)))
+
+    found = [one for one in measure_trial(trial, PREPARED).open if one.check == "no_arm_collision"]
+    violated = [
+        tuple(sum(f.verdict.value == "violated" for f in world.values()) for world in (one.best, one.worst))
+        for one in found
+    ]
+    assert violated == ([] if worlds is None else [tuple(worlds)])
+
+
+def test_ids_of_what_is_open_are_different() -> None:
+    open_ = measure_trial(at(19.5, 20.5, late_s=(0.3, 0.2)), PREPARED).open
+    ids = [key for one in open_ for world in (one.best, one.worst) for key in world]
+
+    assert len(ids) == len(set(ids))
