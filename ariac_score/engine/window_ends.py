@@ -1,8 +1,8 @@
-"""What is open about a trial of which the log states only at a rate when the competition started and ended."""
+"""What is open about a competition of which the log states only at a rate when it started and ended."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ariac_score.checks.findings import Finding, Verdict
@@ -51,12 +51,10 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
     )
     lengths = [_by_subject(one) for one in (shortest, asked, longest)]
     subjects = sorted({subject for found in lengths for subject in found})
-    opened = [
-        _opened(subject, [found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects
-    ]
-    return _numbered(
-        each.name, [(s, one) for s, one in zip(subjects, opened, strict=True) if one is not None]
-    )
+    opened = {
+        subject: _opened([found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects
+    }
+    return _numbered(each.name, {subject: both for subject, both in opened.items() if both is not None})
 
 
 def _said_before(origin: str, text: str) -> None:
@@ -95,7 +93,7 @@ def _by_subject(asked: Asked) -> dict[str, _Both]:
     return both
 
 
-def _opened(subject: str, lengths: Sequence[_Both], ends: WindowEnds) -> _Both | None:
+def _opened(lengths: Sequence[_Both], ends: WindowEnds) -> _Both | None:
     """Both worlds of a subject over all lengths, the shortest first; `None` where nothing is open."""
     stated = lengths[1]
     # A shorter competition is the better one, and a longer one the worse, unless the check says otherwise.
@@ -131,10 +129,10 @@ def _settled(findings: Iterable[Finding], verdict: Verdict) -> tuple[Finding, ..
     )
 
 
-def _numbered(check: str, opened: Sequence[tuple[str, _Both]]) -> list[OpenFindings]:
+def _numbered(check: str, opened: Mapping[str, _Both]) -> list[OpenFindings]:
     """What is open of each subject, with ids of which no two of a check are the same."""
     found: list[OpenFindings] = []
-    for subject, both in opened:
+    for subject, both in opened.items():
         before = sum(len(one.best) + len(one.worst) for one in found)
         best, worst = (
             {f"{check}#{world}{before + number}": one for number, one in enumerate(findings, start=1)}

@@ -23,6 +23,7 @@ from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Series, Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+from ariac_score.trial.window import earliest_start_s
 from ariac_score.trial.work import (
     Fact,
     Record,
@@ -439,10 +440,11 @@ def _competition_limits(trial: Trial) -> tuple[float, float, str]:
     start_s, end_s = trial.started_s, trial.ended_s
     if start_s is None and end_s is None:
         return -np.inf, np.inf, "start and end of the competition are not in the log; all of it was watched"
-    low_s = -np.inf if start_s is None else start_s
+    earliest_s = earliest_start_s(trial)  # it was taken, so the competition had started
+    low_s = -np.inf if earliest_s is None else earliest_s
     high_s = np.inf if end_s is None else end_s
-    if low_s >= high_s:
-        times = f"it ends ({high_s:.3f} s) before it starts ({low_s:.3f} s)"
+    if start_s is not None and start_s >= high_s:
+        times = f"it ends ({high_s:.3f} s) before it starts ({start_s:.3f} s)"
         return -np.inf, np.inf, f"{times}; all of it was watched"
     return low_s, high_s, ""
 

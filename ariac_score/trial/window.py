@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event, EventNumber
@@ -11,7 +10,15 @@ from ariac_score.trial.spans import Span
 from ariac_score.trial.statements import BY_RULES, NOBODY, RECORDER, Statement
 from ariac_score.trial.work import announced_s
 
-__all__ = ["RECORDING", "WindowEnds", "ends_of", "lacks_start", "stated_late", "with_window"]
+__all__ = [
+    "RECORDING",
+    "WindowEnds",
+    "earliest_start_s",
+    "ends_of",
+    "lacks_start",
+    "stated_late",
+    "with_window",
+]
 
 RECORDING = "recording"
 """The rules take the whole recording for the competition where it shows neither start nor end."""
@@ -74,14 +81,12 @@ def ends_of(trial: Trial) -> WindowEnds | None:
     window, started_s, ended_s = trial.window, trial.started_s, trial.ended_s
     if window is None or started_s is None or ended_s is None or not started_s < ended_s:
         return None
-    late_s = [
-        _late_s(trial, *end) for end in ((COMPETITION_STARTED, started_s), (COMPETITION_ENDED, ended_s))
-    ]
-    if not any(late_s):
+    first_s = _earliest_s(trial, COMPETITION_STARTED, started_s)
+    last_s = _earliest_s(trial, COMPETITION_ENDED, ended_s)
+    if (first_s, last_s) == (started_s, ended_s):
         return None
     work = [announced_s(item) for item in trial.work]
     known = [t_s for t_s in (*work, *(one.submitted_s for one in trial.submissions)) if t_s is not None]
-    first_s, last_s = started_s - late_s[0], ended_s - late_s[1]
     start_s = min([started_s, *(t_s for t_s in known if t_s >= first_s)])
     end_s = max([last_s, *(t_s for t_s in known if t_s <= ended_s)])
     opened_s = window.start_s  # by work that was announced early, however early the start was
@@ -89,11 +94,16 @@ def ends_of(trial: Trial) -> WindowEnds | None:
     return WindowEnds(start, Span(min(end_s, ended_s), ended_s))
 
 
-def _late_s(trial: Trial, kind: str, at_s: float) -> float:
-    """By how much earlier a start or an end may have been than it is stated, s."""
-    stated: Sequence[Event] = [event for event in trial.events_of(kind) if event.t_s == at_s]
+def earliest_start_s(trial: Trial) -> float | None:
+    """The first moment at which the competition may have started, s; `None` where the log does not say."""
+    started_s = trial.started_s
+    return None if started_s is None else _earliest_s(trial, COMPETITION_STARTED, started_s)
+
+
+def _earliest_s(trial: Trial, kind: str, at_s: float) -> float:
+    stated = [event for event in trial.events_of(kind) if event.t_s == at_s]
     late_s = [event.number(LATE, unit="s") or 0.0 for event in stated]
-    return min(late_s, default=0.0)  # another log may state the same moment exactly
+    return at_s - min(late_s, default=0.0)  # another log may state the same moment exactly
 
 
 def lacks_start(trial: Trial, rule: str) -> bool:

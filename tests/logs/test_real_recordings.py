@@ -81,9 +81,7 @@ def test_twelve_gaps_leave_the_score_between_two_numbers_and_hide_no_contact() -
     assert (result.status, found.ready) == ("scored", False)
     assert result.interval is not None
     assert result.score == result.interval.least < result.interval.most
-    *gaps, ends = result.interval.narrowing
-    assert all("on /snapshot" in one.cause for one in gaps)
-    assert "its start within 1040 ms, its end within 1047 ms" in ends.cause  # the state comes once a second
+    assert all("on /snapshot" in one.cause for one in result.interval.narrowing)
     (lack,) = found.lacks  # a contact was impossible in all of them
     assert (lack.what, lack.effect) == ("separation", "opens")
     assert "the longest 0.097 s" in lack.cause
