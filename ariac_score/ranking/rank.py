@@ -34,7 +34,7 @@ from ariac_score.ranking.open_scores import (
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.doubt import counted
+from ariac_score.results.doubt import counted, undecided_text
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
@@ -395,7 +395,9 @@ def _undecided(result: Result) -> str:
     """The first finding that withholds the score, with its subject."""
     findings = result.measured.findings
     withheld = [
-        f"{findings[a.finding].subject}: {a.message}" for a in result.assumptions if a.policy == "withhold"
+        f"{findings[a.finding].subject}: {undecided_text(result, a)}"
+        for a in result.assumptions
+        if a.policy == "withhold"
     ]
     return withheld[0] if withheld else result.missing
 

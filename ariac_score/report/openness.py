@@ -7,11 +7,10 @@ from decimal import Decimal
 
 from msgspec import UnsetType
 
-from ariac_score.checks.findings import Verdict
 from ariac_score.report.figures import amount_text, rounded_points
+from ariac_score.results.doubt import undecided_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
-from ariac_score.scoring.policy import Assumption
 
 __all__ = ["between", "narrowing_text", "open_sentence", "undecided_text", "which_counts"]
 
@@ -45,18 +44,6 @@ def between(interval: ScoreInterval, digits: int | None = None) -> str:
 def which_counts(interval: ScoreInterval) -> str:
     """Which end is the score."""
     return _COUNTS[interval.counts]
-
-
-def undecided_text(result: Result, assumption: Assumption) -> str:
-    """Why something is undecided.
-
-    A check that was decided by its samples, and is not between them, is told as such: what it says of its
-    samples alone would read as decided.
-    """
-    finding = result.measured.findings.get(assumption.finding)
-    if finding is None or finding.verdict is Verdict.INCONCLUSIVE:
-        return assumption.message
-    return f"the log does not show everything; by its samples {assumption.message}"
 
 
 def open_sentence(result: Result, digits: int | None = None) -> str:

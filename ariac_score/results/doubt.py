@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ariac_score.checks.findings import Finding
+from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.results.result import SEQUENCE, Measured, Result
 from ariac_score.scoring.left_open import LeftOpen
+from ariac_score.scoring.policy import Assumption
 from ariac_score.scoring.pricing import counted_world
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.statements import NOBODY
 
-__all__ = ["as_scored", "counted", "left_open"]
+__all__ = ["as_scored", "counted", "left_open", "undecided_text"]
 
 _PAUSE = "t_off_s"
 """How long a pause must be for two violations to be two, as monitors name it."""
@@ -63,3 +64,15 @@ def counted(result: Result, rule_set: RuleSet) -> Mapping[str, Finding]:
         measures=measured.measures,
         left_open=as_scored(result, rule_set),
     )
+
+
+def undecided_text(result: Result, assumption: Assumption) -> str:
+    """Why something is undecided.
+
+    A check that was decided by its samples, and is not between them, is told as such: what it says of its
+    samples alone would read as decided.
+    """
+    finding = result.measured.findings.get(assumption.finding)
+    if finding is None or finding.verdict is Verdict.INCONCLUSIVE:
+        return assumption.message
+    return f"the log does not show everything; by its samples {assumption.message}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -158,3 +159,30 @@ def test_runs_whose_logs_nobody_attests_are_counted_once_where_the_rules_leave_i
     shown = capsys.readouterr()
     assert shown.out.count("completeness not attested in 2 of 2 runs: ") == said
     assert (shown.out + shown.err).count("not attested") == said
+    # So does the page of the competition, once.
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "site")]) in (0, 6)
+    page = (tmp_path / "site/index.html").read_text(encoding="utf-8")
+    assert page.count("ompleteness not attested in 2 of 2 runs: ") == page.count("not attested") == said
+
+
+def test_under_withhold_a_run_that_its_samples_alone_decide_is_told_as_that(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A gap of 40 ms at the near miss: "undecided: never nearer than 4.502 m" would read as decided."""
+    trial = kitting_trial()
+    left = {}
+    for name, signal in trial.signals.items():
+        stays = abs(signal.t - 20.005) > 0.025
+        left[name] = replace(signal, t=signal.t[stays], values=signal.values[stays])
+    (tmp_path / "a").mkdir()
+    write_trial_log(tmp_path / "a/kit_1.jsonl", replace(trial, signals=left), signals=SNAPSHOT_SIGNALS)
+    rules = "{id: w, title: W, source: a test, extends: paper2020.published, open: withhold}"
+    (tmp_path / "w.yaml").write_text(rules, encoding="utf-8")
+    text = "{id: cup, rules: w.yaml, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
+    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+
+    main(["rank", str(tmp_path), "--output-format", "json"])
+
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    assert run["outcome"] == "undecided"
+    assert "the log does not show everything; by its samples" in json.dumps(run)
