@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ariac_score import (
     COMPETITION_ENDED,
+    ContradictionError,
     LogDefect,
     LogError,
     OfficialOrder,
@@ -71,6 +72,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     message = "orders of the configuration were never announced in the log"
     defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
     defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
+    _refuse_other_priorities(parts, stock.official, file)
     orders = tuple(_with_printed_priority(order, stock.official) for order in orders)
     submissions, from_stock = _submissions(parts, stock, file)
     defects += stock.defects if from_stock else []
@@ -217,6 +219,25 @@ def _completed(order: Order, configured: Order | None) -> Order:
     if order.priority_said:
         return replace(order, tasks=tasks)
     return replace(order, tasks=tasks, priority=configured.priority, priority_said=configured.priority_said)
+
+
+def _refuse_other_priorities(parts: Sequence[Trial], official: OfficialResult | None, file: object) -> None:
+    """Refuse a configuration with another priority than the simulator prints, where no message says one.
+
+    Raises:
+        ContradictionError: Naming both, and what each says.
+    """
+    stating = [(part, orders_of(part)) for part in parts if part.work]
+    silent = {o.id for _, orders in stating if is_announced(orders) for o in orders if not o.priority_said}
+    printed = {one.id: one.items.get("priority", "") for one in official.summaries} if official else {}
+    for part, orders in stating:
+        for order in orders:
+            says = printed.get(order.id, "") if order.id in silent and order.priority_said else ""
+            if official is not None and says.isdigit() and int(says) != order.priority:
+                what, name = f"priority of order {order.id!r}", str(part.origin or repr(part.id))
+                raise ContradictionError(
+                    what, (name, str(order.priority)), (repr(official.source), says), file=file
+                )
 
 
 def _with_printed_priority(order: Order, official: OfficialResult | None) -> Order:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from ariac_score import LogError, Verdict, score_trial
+from ariac_score import ContradictionError, LogError, Pose, Result, Verdict, score_trial
 from ariac_score.cli import main
 from ariac_score.testing.bags import Recorded
 
@@ -408,6 +408,42 @@ def test_a_kit_of_2021_is_scored_as_the_official_scorer_does(
             log = stock_bag(tmp_path / given["case"], "2021", recorded_2021(given), monkeypatch)
             result = score_trial(log, rules="ariac2021.finals_as_coded")
             assert result.score == given["expected"]["total"]
+
+
+def test_a_priority_of_a_configuration_that_the_printed_score_contradicts_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = next(v for v in vectors("2021f") if v["case"] == "2021f-4711-18")
+    (order,) = given["orders"]
+    (task,) = order["tasks"]
+    products = {
+        f"part_{number}": {
+            "type": each["type"],
+            "pose": {
+                "xyz": each["pose"]["position_m"],
+                "rpy": [0, 0, Pose((0, 0, 0), tuple(each["pose"]["orientation_wxyz"])).yaw_rad],
+            },
+        }
+        for number, each in enumerate(task["products"])
+    }
+    kit = {
+        "shipment_count": 1,
+        "agvs": [task["agv"]],
+        "destinations": [task["station"]],
+        "products": products,
+    }
+    log = stock_bag(tmp_path / "trial", "2021", recorded_2021(given), monkeypatch)
+
+    def scored(priority: int) -> Result:
+        stated = {"announcement_condition": "time", "announcement_condition_value": 0.0}
+        orders = {order["id"]: {**stated, "priority": priority, "kitting": kit}}
+        config = tmp_path / "organiser.yaml"
+        config.write_text(json.dumps({"orders": orders}), encoding="utf-8")
+        return score_trial(log, "ariac2021.finals_as_coded", also=[config], root=tmp_path)
+
+    assert scored(order["priority"]).score == given["expected"]["total"]
+    with pytest.raises(ContradictionError, match=r"'organiser.yaml' .* says 2, 'rosout' says 3"):
+        scored(2)
 
 
 ROSOUT_2022 = re.compile(r"^(\d+\.\d+) [A-Z]+ (/\S+) \[.*?\] \[topics: .*?\] (.*)$")
