@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ariac_score import ContradictionError, LogError, Pose, Result, Verdict, score_trial
 from ariac_score.cli import main
@@ -438,7 +439,7 @@ def test_a_priority_of_a_configuration_that_the_printed_score_contradicts_is_ref
         stated = {"announcement_condition": "time", "announcement_condition_value": 0.0}
         orders = {order["id"]: {**stated, "priority": priority, "kitting": kit}}
         config = tmp_path / "organiser.yaml"
-        config.write_text(json.dumps({"orders": orders}), encoding="utf-8")
+        config.write_text(yaml.safe_dump({"orders": orders}), encoding="utf-8")
         return score_trial(log, "ariac2021.finals_as_coded", also=[config], root=tmp_path)
 
     assert scored(order["priority"]).score == given["expected"]["total"]
