@@ -1,6 +1,6 @@
 """Whether the interval of a recording contains the true score, in every one of many simulated trials.
 
-    python benchmarks/truth.py [--trials 360] [--first 0] [--seconds 4] [--kept FILE]
+    python benchmarks/truth.py [--trials 360] [--first 0] [--seconds 4] [--states-hz 0] [--kept FILE]
 
 A trial is simulated at 1 kHz: one or two robots and one to three humans that walk, dash, stop and turn,
 none faster than the rules state. Its true score is that of all the samples. It is recorded through a model
@@ -9,7 +9,9 @@ scores of the two worlds. Then an adversary leaves out samples, and the end that
 the truth nor, but for `CUTS`, that of the honest recording. Last, both are measured by the usual rules
 (`between_samples: held`, the rate stated), whose width is reported, how far the truth lies outside of it, and
 how far the adversary raised the end that counts. Exits with 1 where anything of it fails, naming the seed.
-With `--kept` each trial is a line of a file, and a run that was stopped goes on where it was.
+With `--states-hz` the competition starts and ends somewhere within the recording, which has that from a topic
+of so many messages a second, up to one of their intervals late. With `--kept` each trial is a line of a file,
+and a run that was stopped goes on where it was.
 
 The recorders:
 
@@ -45,7 +47,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span
-from ariac_score.trial.window import with_window
+from ariac_score.trial.window import stated_late, with_window
 
 STEP_S = 0.001
 HUMAN_M_S, ROBOT_M_S = 1.6, 1.0
@@ -184,6 +186,23 @@ def cut_off(trial: Trial) -> Trial:
     return with_window(replace(trial, events=trial.events[:1], recorded=span), "")
 
 
+def within(random: np.random.Generator, trial: Trial) -> Trial:
+    """The trial with a competition that starts after the recording and ends before it."""
+    assert trial.recorded is not None  # as `world` makes it
+    starts_s, ends_s = random.uniform(0.2, 0.8), trial.recorded.end_s - random.uniform(0.2, 0.8)
+    return replace(trial, events=(Event(starts_s, COMPETITION_STARTED), Event(ends_s, COMPETITION_ENDED)))
+
+
+def stated(random: np.random.Generator, events: tuple[Event, ...], states_hz: float) -> tuple[Event, ...]:
+    """Start and end as a topic that states them at a rate tells them: with its next message."""
+    phase = random.uniform(0.0, 1.0)
+    found = []
+    for event in events:
+        t_s = (np.ceil(event.t_s * states_hz - phase) + phase) / states_hz
+        found.append(stated_late(replace(event, t_s=float(t_s)), 1.0 / states_hz))
+    return tuple(found)
+
+
 # Scores ----------------------------------------------------------------------------------------
 
 
@@ -265,15 +284,18 @@ class Tried:
         return inside and self.robbed <= min(self.true + ROUNDING, self.least + CUTS)
 
 
-def tried(seed: int, seconds: float) -> Tried:
+def tried(seed: int, seconds: float, states_hz: float = 0.0) -> Tried:
     """One trial, simulated, recorded and scored."""
     random = np.random.default_rng(seed)
     rate_hz, model = RATES_HZ[seed % len(RATES_HZ)], MODELS[(seed // len(RATES_HZ)) % len(MODELS)]
     adversary = ADVERSARIES[(seed // (len(RATES_HZ) * len(MODELS))) % len(ADVERSARIES)]
     truth, error_s = world(random, seconds), LATE_S if model == "late" else 0.001
     bounded, held = rules("bounded", error_s), rules("held", error_s)
+    of_states = np.random.default_rng((seed, 1))  # its own: the motion of a seed is the same with and without
+    truth = within(of_states, truth) if states_hz else truth
     whole = measure_trial(held.derived(truth), held)
-    log = recorded(random, truth, rate_hz, model)
+    told = replace(truth, events=stated(of_states, truth.events, states_hz)) if states_hz else truth
+    log = recorded(random, told, rate_hz, model)
     least, most = ends_of(log, bounded)
     left, usual = robbed(random, log, whole, adversary), at_rate(held, truth, rate_hz)
     least_held, most_held = ends_of(log, usual)
@@ -340,6 +362,7 @@ def main() -> int:
     parser.add_argument("--trials", type=int, default=360)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=4.0)
+    parser.add_argument("--states-hz", type=float, default=0.0)
     parser.add_argument("--kept", type=Path)
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.trials)
@@ -347,7 +370,7 @@ def main() -> int:
     for seed in seeds:
         if seed in known:
             continue
-        one = known[seed] = tried(seed, given.seconds)
+        one = known[seed] = tried(seed, given.seconds, given.states_hz)
         if not one.holds:
             print(f"does not hold: {one}", flush=True)
         if given.kept:
