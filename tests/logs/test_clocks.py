@@ -318,6 +318,27 @@ def test_headers_that_drift_away_from_the_recorder_are_of_another_clock(
         assert of_snapshots(tmp_path / "t.mcap", messages, "mcap").ended_s == pytest.approx(30 / rate)
 
 
+@pytest.mark.parametrize(("off_s", "said"), [(1.2, "before"), (-5.3, "after"), (0.9, ""), (-0.9, "")])
+def test_headers_of_a_machine_whose_clock_is_not_set_are_not_mixed_with_times_of_recording(
+    tmp_path: Path, off_s: float, said: str
+) -> None:
+    """The motion would be seconds apart from the start of the competition, which nobody stamped."""
+    moved = [
+        walking(WALL_NS + i * S // 10 - round(off_s * S), WALL_NS + i * S // 10, x=0.1) for i in range(20)
+    ]
+    messages = [*moved, state("go", WALL_NS + S)]
+
+    if said:
+        with pytest.raises(
+            LogError, match=rf"/tf its headers are {abs(off_s):.3f} s or more {said} them.*/state"
+        ):
+            read(tmp_path / "t.mcap", messages)
+    else:
+        assert read(tmp_path / "t.mcap", messages).started_s == 1.0
+    # Where all that is read has stamps, nothing is mixed.
+    assert len(read(tmp_path / "u.mcap", moved).signals["position/human"]) == 20
+
+
 def test_whoever_declares_the_clock_of_every_topic_is_believed(tmp_path: Path) -> None:
     messages = slow(0.85, *(joints(5 * S + i * S, WALL_NS + round(i * S / 0.85)) for i in range(30)))
 

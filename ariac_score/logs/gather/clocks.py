@@ -28,6 +28,9 @@ LARGEST_CLOCK_DIFFERENCE_S = 60.0
 LARGEST_DELAY_S = 1.0
 """No message takes longer on one machine: where all messages of a topic do, some clock may not be set."""
 
+_FEWEST = 8
+"""Fewer messages may have been stamped long before: one that is latched, or lines of a console."""
+
 LARGEST_DRIFT_S = 1.0
 """Stamps that drift away from times of recording by more than this are of a clock of another rate."""
 
@@ -109,6 +112,16 @@ class _Topic:
     @property
     def drifts(self) -> bool:
         return abs(self.drift_s) > LARGEST_DRIFT_S
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether all of its stamps, and not only a few, are as if some clock was not set."""
+        return self.near >= _FEWEST and abs(self.least_delay_s) > LARGEST_DELAY_S
+
+    @property
+    def side(self) -> str:
+        """On which side of the times of recording its stamps are."""
+        return "before" if self.least_delay_s > 0 else "after"
 
     @property
     def mixed(self) -> bool:
@@ -240,7 +253,10 @@ class Clocks:
         self._simulated = simulated
 
     def _refuse_other_rates(self) -> None:
-        """Refuse times of recording where the nodes were on another clock, which nothing relates to them."""
+        """Refuse times of recording where the nodes were on another clock, which nothing relates to them.
+
+        Start and end of the competition, which nobody stamps, would else be seconds apart from the motion.
+        """
         plain = sorted(
             name
             for name, topic in self._topics.items()
@@ -249,9 +265,14 @@ class Clocks:
         if not plain:
             return  # every message is where its sender says
         for name, topic in sorted((self._topics | self._witnesses).items()):
-            if topic.far is None and not topic.drifts:
+            is_offset = name in self._topics and topic.is_offset and not name.endswith("tf_static")
+            if topic.far is None and not topic.drifts and not is_offset:
                 continue
-            if topic.far is not None:
+            why = "the simulation was slow, or the recorder fell behind"
+            if is_offset and not topic.drifts:
+                shown = f"its headers are {abs(topic.least_delay_s):.3f} s or more {topic.side} them"
+                why = "the clock of one machine is not set"
+            elif topic.far is not None:
                 shown = (
                     f"its headers say {topic.far.stamp_ns} ns where the recorder says {topic.far.log_ns} ns"
                 )
@@ -261,7 +282,7 @@ class Clocks:
                 f"times of recording are not those of the nodes: on topic {name} {shown}, and messages of "
                 f"{plain[0]} have no stamp of their own",
                 file=self._file,
-                hint=f"the simulation was slow, or the recorder fell behind: {_REMEDY}",
+                hint=f"{why}: {_REMEDY}",
             )
 
     def trial_clock(self, first_ns: int, last_ns: int) -> TrialClock:
@@ -316,10 +337,9 @@ class Clocks:
                 "unset_stamps", name, topic.unset, "headers without a stamp; the times of recording were used"
             )
             if topic.near and abs(topic.least_delay_s) > LARGEST_DELAY_S:
-                side = "before" if topic.least_delay_s > 0 else "after"
                 message = (
-                    f"its stamps are {abs(topic.least_delay_s):.3f} s or more {side} the times of recording, "
-                    "as if a clock was not set; they were used as they are"
+                    f"its stamps are {abs(topic.least_delay_s):.3f} s or more {topic.side} the times of "
+                    "recording, as if a clock was not set; they were used as they are"
                 )
                 builder.defect("clock_offset", name, topic.near, message)
 
