@@ -222,6 +222,21 @@ def test_the_log_map_that_reads_the_orders_is_extended(
     assert (by_rules.code, yaml.safe_load(by_rules.text)["extends"]) == (0, "ariac2020")
 
 
+def test_a_state_of_the_competition_under_another_name_is_a_row_to_take(tmp_path: Path) -> None:
+    messages = [
+        Recorded("/comp/state", m.type, m.t_ns, m.fields) if m.topic == "/ariac/competition_state" else m
+        for m in recorded_messages(kitting_trial())
+        if m.topic != "/tf"
+    ]
+    drafted = Drafted(tmp_path, messages, "--extends", "ariac2020")
+    lines = drafted.text.splitlines()
+    where = lines.index("# if /comp/state is what /ariac/competition_state is elsewhere, under 'channels:':")
+    assert open_trial(drafted.log, log_map=drafted.file).started_s is None  # nothing is decided silently
+
+    drafted.file.write_text(f"{drafted.text}channels:\n{lines[where + 1].removeprefix('# ')}\n", "utf-8")
+    assert open_trial(drafted.log, log_map=drafted.file).started_s == pytest.approx(0.5)
+
+
 def test_a_log_map_in_a_file_is_extended_from_where_the_draft_lies(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text("{id: base, title: t, source: s}", encoding="utf-8")
     (tmp_path / "maps").mkdir()

@@ -169,6 +169,21 @@ class Writing:
         for topic in others:
             why = f": {topic.unreadable}" if topic.unreadable else ""
             yield f"#   {_plain(f'{topic.name} {topic.type}{why}')}"
+        yield from self._renamed({topic.name: topic.type for topic in others if topic.count})
+
+    def _renamed(self, unused: Mapping[str, str]) -> Iterator[str]:
+        """Channels of the extended log map that are not recorded, under names that may be theirs here."""
+        recorded = {topic.name for topic in self.survey.topics}
+        missing = self.extends.log_map.channels if self.extends else ()
+        for channel in missing:
+            if not channel.decoder or channel.optional or channel.topic in recorded:
+                continue
+            for name in [name for name, type_ in unused.items() if type_ == channel.type]:
+                yield f"# if {_plain(name)} is what {channel.topic} is elsewhere, under 'channels:':"
+                more = f"type: {channel.type}, decoder: {channel.decoder}"
+                if channel.witnesses:
+                    more += f", witnesses: [{', '.join(sorted(channel.witnesses))}]"
+                yield f"#   - {{topic: {_scalar(name)}, {more}}}"
 
 
 def _channel(candidate: Candidate, body: str, stamp: str) -> str:
