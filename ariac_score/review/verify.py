@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.finding_contract import stored_breaches
+from ariac_score.checks.findings import canonical
 from ariac_score.checks.local import GIVEN_DISTRIBUTION, LocalFiles
 from ariac_score.checks.registry import LOCAL_DISTRIBUTION, Registry, package_sha256
 from ariac_score.documents.plain_file import read_plain
@@ -333,7 +334,7 @@ def _rules(result: Result, root: _Root | None) -> Step:
         uses = {n: {**u, "on_inconclusive": _as_before(u["on_inconclusive"])} for n, u in uses.items()}
     if (own.title, own.notes, uses) != (result.rule_set_title, result.notes, result.checks):
         return Step("rules", FAILED, "title, notes or checks are not those of the rules in the result")
-    for check, parameter in _given_otherwise(result):
+    for check, parameter in _given_otherwise(result, own):
         words = f"settings of {check!r} give {parameter!r} another value than the rules in the result"
         return Step("rules", FAILED, words)
     if root is None:
@@ -350,18 +351,31 @@ def _rules(result: Result, root: _Root | None) -> Step:
 _OTHER_VERSION = "if it was scored by another version of these rules, give that one: --rules FILE"
 
 
-def _given_otherwise(result: Result) -> Iterator[tuple[str, str]]:
+def _given_otherwise(result: Result, rules: RuleSet) -> Iterator[tuple[str, str]]:
     """Parameters that the settings ascribe to the rule set with another value than it gives."""
+    between = _between_samples(rules)
     for name, kept in (result.measured.settings or {}).items():
         given = dict(result.checks[name]["with"] if name in result.checks else {})
         stated = {one.name: one for one in kept.parameters}
         for parameter in sorted(given.keys() - stated.keys()):
             yield name, parameter
+        known = {**between, **given}
         for parameter, one in stated.items():
             if one.origin == "rule_set" and (
-                parameter not in given or _text(one.value) != _text(plain_value(given[parameter]))
+                parameter not in known or _text(one.value) != _text(plain_value(known[parameter]))
             ):
                 yield name, parameter
+
+
+def _between_samples(rules: RuleSet) -> dict[str, Any]:
+    """What a rule set says of the time between two samples, by the names that settings have for it."""
+    found: dict[str, Any] = {"between_samples": rules.between_samples}
+    for name, own in rules.bounds.items():
+        numbers = own if isinstance(own, Mapping) else {"": own}
+        for inner, number in numbers.items():
+            if inner != "source":
+                found[".".join(filter(None, ("bounds", name, inner)))] = canonical(float(number))
+    return found
 
 
 def _text(value: Any) -> str:

@@ -163,6 +163,25 @@ def test_rules_that_are_not_installed_are_taken_from_the_result(tmp_path: Path) 
     assert failed(verify_result(tmp_path / "r.json", log=LOG, rules=str(ours))) == []
 
 
+def test_bounds_of_the_rules_are_settings_that_hold_and_cannot_be_edited(tmp_path: Path) -> None:
+    ours = tmp_path / "ours.yaml"
+    ours.write_text(
+        "id: ours\ntitle: Ours\nsource: a test\nextends: paper2020.published\nbetween_samples: bounded\n"
+        "bounds:\n  human: {max_speed_m_s: 2, max_acceleration_m_s2: 50, source: a test}\n"
+        "  time_error_s: 0.001\n"
+    )
+    stored = tmp_path / "r.json"
+    stored.write_text(as_json(score_trial(LOG, str(ours))), encoding="utf-8")
+
+    def faster(data: dict[str, Any]) -> None:
+        for one in data["measured"]["settings"]["separation"]["parameters"]:
+            one["value"] = 4.0 if one["name"] == "bounds.human.max_speed_m_s" else one["value"]
+
+    assert failed(verify_result(stored, log=LOG, rules=str(ours))) == []
+    found = verify_result(edited(stored, tmp_path, faster), rules=str(ours))
+    assert "'bounds.human.max_speed_m_s' another value than the rules" in words(found, "rules")
+
+
 def test_the_outcome_is_there_for_programs(stored: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(stored), "--log", str(LOG), "--output-format", "json"]) == 0
 
