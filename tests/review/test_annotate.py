@@ -502,3 +502,23 @@ def test_a_time_that_ros_cannot_count_is_refused() -> None:
     assert stamps(2**31 - 1.0) == [(2**31 - 1) * 10**9]
     with pytest.raises(LogError, match="after the year 2038"):
         stamps(2.0**31)
+
+
+def test_a_gap_in_which_the_limit_was_kept_at_worst_has_a_margin(tmp_path: Path) -> None:
+    """60 ms are missing while both are metres apart: what is known there, no sample shows."""
+    trial = kitting_trial()
+    left = {}
+    for name, signal in trial.signals.items():
+        stays = abs(signal.t - 5.0) > 0.025
+        left[name] = replace(signal, t=signal.t[stays], values=signal.values[stays])
+    log, result = tmp_path / "gap.jsonl", tmp_path / "r.json"
+    write_trial_log(log, replace(trial, signals=left), signals=SNAPSHOT_SIGNALS)
+    rules = tmp_path / "ours.yaml"
+    rules.write_text(
+        "id: ours\ntitle: Ours\nsource: a test\nextends: paper2020.published\nbounds:\n"
+        "  human: {max_speed_m_s: 1.0, source: a test}\n  robot: {max_speed_m_s: 0.6, source: a test}\n"
+    )
+    assert main(["score", str(log), "--rules", str(rules), "-o", str(result)]) == 0
+    assert load_result(result).interval is None
+
+    assert main(["annotate", str(log), str(result), "-o", str(tmp_path / "out.mcap")]) == 0
