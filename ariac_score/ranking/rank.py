@@ -34,7 +34,7 @@ from ariac_score.ranking.open_scores import (
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.doubt import counted, undecided_text
+from ariac_score.results.doubt import counted, ends_where_runs_are_lost, undecided_text
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
@@ -456,12 +456,26 @@ def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
         return Contributed((), dict.fromkeys(rule_set.sheet.cohort, error.cause))
 
 
-_Pool = Mapping[str, Mapping[str, float]] | str
-"""Terms at their greatest over all runs of a team and trial; or why that is not known."""
+@dataclass(frozen=True)
+class _Pool:
+    """What all runs of a team and trial did, which the rules call `runs.…`.
+
+    Attributes:
+        values: The greatest of each term over the runs that are known.
+        lost: Which run is not known, in words; empty where all are.
+        withheld: Which run the rules withhold, in words; empty where they withhold none.
+    """
+
+    values: Mapping[str, Mapping[str, float]]
+    lost: str = ""
+    withheld: str = ""
+
+
+_OF_ALL = "and the rules count what all runs did"
 
 
 def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str, str], _Pool]:
-    """For each team and trial the greatest values, which the rules call `runs.…`."""
+    """For each team and trial the greatest values."""
     names = rule_set.sheet.pooled
     pools: dict[tuple[str, str], _Pool] = {}
     for key in {(run.team, run.trial) for run in outcomes} if names else ():
@@ -471,19 +485,30 @@ def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str,
 
 
 def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -> _Pool:
-    # One unknown run makes the greatest unknown. Otherwise a run whose log is unreadable would count as
-    # one without violations, and a team would gain by losing its log.
     totals: dict[str, list[float]] = {name: [] for name in names}
+    lost = withheld = ""
     for run in runs:
-        if run.result is None or run.outcome not in WITH_SCORE:
-            return f"run {run.number} is {run.outcome}, and the rules count what all runs did"
-        try:
-            for name in names:
-                totals[name].append(_term(name, run.result, rule_set))
-        except FormulaError as error:
-            return f"run {run.number}: {error.cause}, and the rules count what all runs did"
+        if run.outcome == "undecided":
+            withheld = withheld or f"run {run.number} is undecided, {_OF_ALL}"
+        elif run.result is None or not _says_what_it_did(run):
+            lost = lost or f"run {run.number} is {run.outcome}, {_OF_ALL}"
+        else:
+            try:
+                own = {name: _term(name, run.result, rule_set) for name in names}
+            except FormulaError as error:
+                lost = lost or f"run {run.number}: {error.cause}, {_OF_ALL}"
+                continue
+            for name, value in own.items():
+                totals[name].append(value)
     # The greatest: of all that never falls with one more run only that stays as it is when a run is repeated.
-    return {f"runs.{name}": {"": max(values)} for name, values in totals.items()}
+    values = {f"runs.{name}": {"": max(found)} for name, found in totals.items() if found}
+    return _Pool(values, lost, withheld)
+
+
+def _says_what_it_did(run: RunOutcome) -> bool:
+    """Whether what a run did is known, whatever it counts."""
+    ended = run.outcome in AS_ZERO and run.result is not None and run.result.status == "scored"
+    return run.outcome in WITH_SCORE or ended
 
 
 def _priced(
@@ -505,23 +530,48 @@ def _priced(
         # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
         alone = cohort is None and pool is None
         return replace(run, kept=counts, open=run.open if alone else None)
-    if isinstance(pool, str):
-        return replace(run, outcome="undecided", cause=pool, score=None, kept=False, open=None)
     if cohort is None and pool is None:
         return replace(run, kept=counts)
     values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
+    values = replace(values, values={**values.values, **(pool.values if pool else {})})
     try:
-        result = reprice(run.result, rule_set, replace(values, values={**values.values, **(pool or {})}))
+        result = reprice(run.result, rule_set, values)
     except FormulaError as error:
         return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
     if result.score is None:
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
     ends = _ends(result)
-    if pool is not None and (run.team, run.trial) in opened and run.score is not None:
+    is_open = (run.team, run.trial) in opened
+    if pool is not None and is_open and run.score is not None:
         by_itself = run.open or Ends(run.score, run.score)
-        priced = ends or Ends(result.score, result.score)
-        ends = priced.around(by_itself.least).around(by_itself.most)
-    return replace(run, score=result.score, result=result, kept=counts, open=ends)
+        ends = (ends or Ends(result.score, result.score)).around(by_itself.least).around(by_itself.most)
+    priced = replace(run, score=result.score, result=result, kept=counts, open=ends)
+    # At its best, an open run of the same team may have done more than it counts.
+    if pool is None or not (pool.lost or pool.withheld or (is_open and rule_set.counts == "best")):
+        return priced
+    return _beside_lost(priced, pool, rule_set, values)
+
+
+def _beside_lost(run: RunOutcome, pool: _Pool, rule_set: RuleSet, known: CohortValues) -> RunOutcome:
+    """A run beside one that may have done anything, where the rules count what all runs did.
+
+    A lost log costs nobody: the runs that are known count what they are worth by what is known. What the
+    lost one may have done opens their scores downwards, so no claim rests on its having been calm.
+    """
+    assert run.result is not None and run.score is not None  # it was priced
+    bounds = ends_where_runs_are_lost(run.result, rule_set, known)
+    ends = None
+    if bounds is not None:
+        ends = (run.open or Ends(run.score, run.score)).around(bounds[0]).around(bounds[1])
+        ends = None if ends.least == ends.most else ends
+    if pool.withheld or bounds is None:
+        nothing = "" if bounds is not None else "; nothing bounds what that makes of the score"
+        cause = (pool.withheld or pool.lost) + nothing
+        return replace(run, outcome="undecided", cause=cause, score=None, kept=False, open=ends)
+    if not pool.lost or ends is None:
+        return replace(run, open=ends)
+    said = f"{pool.lost}: scored by those that are known, and possibly from {ends.least:f} to {ends.most:f}"
+    return replace(run, cause="; ".join(filter(None, (run.cause, said))), open=ends)
 
 
 def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:

@@ -241,7 +241,7 @@ def _unusual(ranking: Ranking, style: Style) -> Iterator[str]:
         for trial, cell in s.trials.items()
         if cell.outcome == "no_run"
     ]
-    lines += _run_lines([run for run in ranking.runs if run.outcome not in _ORDINARY])
+    lines += _run_lines([run for run in ranking.runs if run.outcome not in _ORDINARY or run.cause])
     lines += [f"  passed over: {plain(stranger)}" for stranger in ranking.strangers]
     lines += [
         f"  {plain(s.team)}: {plain(remark)}" for s in ranking.standings for remark in remarks_on_team(s)

@@ -67,6 +67,7 @@ class Worlds:
         variables: What is open.
         cohort: Values across teams.
         measures: What checks declare of their quantities, by check and quantity.
+        beyond: The `runs.…` that nothing bounds above: what a run did whose log is lost.
     """
 
     sheet: ScoreSheet
@@ -76,6 +77,7 @@ class Worlds:
     variables: Sequence[Variable]
     cohort: CohortValues
     measures: Mapping[str, Mapping[str, Measure]]
+    beyond: frozenset[str] = frozenset()
     unbounded: dict[str, None] = field(default_factory=dict)
     """What nothing bounds, in words."""
     sums: dict[tuple[str, ...], tuple[float, ...]] = field(default_factory=dict)
@@ -173,7 +175,11 @@ class _Around:
             return constant(self.names.name(dotted).value)
         own = self.evaluation.term(*term)
         pooled = self.worlds.cohort.values.get(dotted, {}) if dotted.startswith("runs.") else {}
-        return most_of([own, constant(pooled[""])]) if "" in pooled else own
+        known = most_of([own, constant(pooled[""])]) if "" in pooled else own
+        if dotted not in self.worlds.beyond or self.evaluation.pins.get(dotted) is False:
+            return known
+        signs = known.signs if dotted in self.evaluation.pins else {**known.signs, dotted: Sign.UP}
+        return Typed(known.least, inf, signs)
 
     def text_named(self, dotted: str) -> str | None:
         return self.names.text_named(dotted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import replace as replaced
 from decimal import Decimal
 
 from msgspec.structs import replace
@@ -20,11 +21,11 @@ from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
 from ariac_score.scoring.left_open import LeftOpen, Variable, variables_of
 from ariac_score.scoring.policy import OPEN, Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
-from ariac_score.scoring.settled import Settled, interval_of, settle
+from ariac_score.scoring.settled import Settled, ends_around, interval_of, settle
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import tree_of
 
-__all__ = ["Contributed", "Priced", "contribute", "counted_world", "price", "value_of"]
+__all__ = ["Contributed", "Priced", "contribute", "counted_world", "ends_beyond", "price", "value_of"]
 
 
 NOTHING_OPEN = LeftOpen()
@@ -230,6 +231,45 @@ def counted_world(
         **{key: f for key, f in findings.items() if key not in seen},
         **{key: f for key, f in settled.findings.items() if key in seen or key not in findings},
     }
+
+
+@in_own_decimals
+def ends_beyond(
+    findings: Mapping[str, Finding],
+    scopes: Scope,
+    sheet: ScoreSheet,
+    policies: Mapping[str, str],
+    *,
+    digits: int,
+    cohort: CohortValues,
+    measures: Mapping[str, Mapping[str, Measure]],
+    left_open: LeftOpen,
+) -> tuple[Decimal, Decimal] | None:
+    """Between which ends a score lies where another run may have done more than is known of all of them.
+
+    Args:
+        findings: By id.
+        scopes: The scopes, outermost.
+        sheet: The formulas.
+        policies: What undecided findings count as, by check.
+        digits: Decimal digits of the score.
+        cohort: The values across teams, and `runs.…` over the runs that are known.
+        measures: What checks declare of their quantities, by check and quantity.
+        left_open: What the log leaves open, and which end of it counts.
+
+    Returns:
+        Least and most; `None` where nothing bounds the score.
+    """
+    assumed = assume(findings, policies, priced=sheet.scored)
+    if assumed.zeroed:
+        return Decimal(0), Decimal(0)
+    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.scored, policies), measures)
+    known = Worlds(sheet, sheet.score, scopes, assumed.findings, variables, cohort, measures)
+    beyond = frozenset(f"runs.{name}" for name in sheet.pooled)
+    try:
+        return ends_around(settle(known, counts=left_open.counts), replaced(known, beyond=beyond), digits)
+    except FormulaError:
+        return None
 
 
 def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset[str]:

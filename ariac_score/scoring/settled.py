@@ -16,7 +16,7 @@ from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
 
-__all__ = ["Settled", "interval_of", "settle"]
+__all__ = ["Settled", "ends_around", "interval_of", "settle"]
 
 MOST_CAUSES = 40
 """Of more causes nobody asks how much each is worth."""
@@ -86,6 +86,34 @@ def _rounded_end(bound: float, attained: Number | None, digits: int, outward: st
     if attained is not None and _are_close(attained, bound):
         return rounded(attained, digits)
     return Decimal(repr(float(bound))).quantize(Decimal(1).scaleb(-digits), rounding=outward) + Decimal(0)
+
+
+def ends_around(settled: Settled, wider: Worlds, digits: int) -> tuple[Decimal, Decimal] | None:
+    """The ends of a formula where more is open than in what was settled.
+
+    Args:
+        settled: The formula with less open; an end that stays is rounded as it is there.
+        wider: The formula with more open.
+        digits: Decimal digits.
+
+    Returns:
+        Least and most; `None` where one of them is infinite.
+    """
+    if not settled.is_bounded:
+        return None
+    found = []
+    for least, end, own, rounding in zip(
+        (True, False),
+        (settled.least, settled.most),
+        settled.ends(digits),
+        (ROUND_FLOOR, ROUND_CEILING),
+        strict=True,
+    ):
+        value = wider.end(least=least).value
+        if not isfinite(value):
+            return None
+        found.append(own if _are_close(value, end.value) else _rounded_end(value, None, digits, rounding))
+    return found[0], found[1]
 
 
 def _are_close(one: float, other: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 from ariac_score import Signal, Trial, load_rule_set
 from ariac_score.errors import FormulaError
 from ariac_score.ranking.competition import load_competition
+from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
+from ariac_score.report.ranking import ranking_text
 from ariac_score.results.result_file import as_json, load_result
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.sheet import ScoreSheet
@@ -38,7 +41,7 @@ def calm() -> Trial:
     return replace(trial, signals={**trial.signals, name: far})
 
 
-def ranking(root: Path, **runs: list[Trial | str]) -> Ranking:
+def ranking(root: Path, *, rules: str = RULES, **runs: list[Trial | str]) -> Ranking:
     for team, trials in runs.items():
         for number, trial in enumerate(trials, start=1):
             path = root / team / f"kit_{number}.jsonl"
@@ -47,14 +50,14 @@ def ranking(root: Path, **runs: list[Trial | str]) -> Ranking:
                 path.write_text(trial, encoding="utf-8")
             else:
                 write_trial_log(path, trial, signals=SNAPSHOT_SIGNALS)
-    (root / "mine.yaml").write_text(RULES, encoding="utf-8")
+    (root / "mine.yaml").write_text(rules, encoding="utf-8")
     (root / "competition.yaml").write_text(
         "id: test\nrules: ./mine.yaml\nruns: '{team}/{trial}_{run}.jsonl'\n", encoding="utf-8"
     )
     competition = load_competition(root)
-    rules = load_rule_set(competition.rules)
-    spec = ranking_spec(rules, competition.ranking, file="competition.yaml")
-    return rank_results(competition, spec, rules, score_runs(competition, rules))
+    loaded = load_rule_set(competition.rules)
+    spec = ranking_spec(loaded, competition.ranking, file="competition.yaml")
+    return rank_results(competition, spec, loaded, score_runs(competition, loaded))
 
 
 def scores(found: Ranking) -> dict[str, float]:
@@ -97,14 +100,44 @@ def test_the_same_run_again_changes_nothing(tmp_path: Path, times: int) -> None:
     assert scores(found) == {"again": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6)}
 
 
-def test_a_run_that_nobody_can_see_is_not_taken_for_calm(tmp_path: Path) -> None:
+def test_a_lost_log_costs_nobody_and_is_shown_and_nobody_is_taken_for_calm(tmp_path: Path) -> None:
     found = ranking(tmp_path, hidden=[calm(), "not a log\n"], open=[calm()])
 
-    assert scores(found) == {"hidden": 0, "open": TASK}
+    assert scores(found) == {"hidden": TASK, "open": TASK}
     (run,) = [run for run in found.runs if run.team == "hidden" and run.number == 1]
     assert (run.outcome, run.reason) == (
+        "scored",
+        "run 2 is unreadable, and the rules count what all runs did: scored by those that are known, and "
+        "possibly from 0.000000 to 28.000000",
+    )
+    assert run.open == Ends(Decimal(0), Decimal(TASK))
+    (hidden,) = [standing.open for standing in found.standings if standing.team == "hidden"]
+    assert hidden is not None
+    assert (hidden.execution, hidden.best_rank, hidden.worst_rank) == (Ends(Decimal(0), Decimal(TASK)), 1, 2)
+    assert run.reason in ranking_text(found)
+
+
+def test_a_lost_log_beside_a_near_miss_does_not_undo_the_near_miss(tmp_path: Path) -> None:
+    found = ranking(tmp_path, team=[calm(), kitting_trial(), "not a log\n"])
+
+    assert scores(found) == {"team": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6)}
+    (calm_run,) = [run for run in found.runs if run.kept]
+    assert calm_run.open is not None
+    assert (calm_run.open.least, calm_run.open.most) == (0, calm_run.score)
+
+
+def test_where_nothing_bounds_what_a_lost_log_makes_of_a_score_it_is_undecided(tmp_path: Path) -> None:
+    rules = (
+        "id: mine\ntitle: Mine\nsource: a test\nextends: paper2020.published\n"
+        "terms: {trial: {near: seconds(separation)}}\nscore: task - runs.near\n"
+    )
+    found = ranking(tmp_path, rules=rules, team=[calm(), "not a log\n"])
+
+    (run,) = [run for run in found.runs if run.number == 1]
+    assert (run.outcome, run.open, run.reason) == (
         "undecided",
-        "run 2 is unreadable, and the rules count what all runs did",
+        None,
+        "run 2 is unreadable, and the rules count what all runs did; nothing bounds what that makes of the score",
     )
 
 

@@ -222,7 +222,12 @@ def view_of(
         valued=publication.how.value != "execution",
         started=bool(ranking.runs),
         pairs=tuple(_shown_pairs(publication)),
-        unusual=tuple(link for found in by_cell.values() for link in found if link.run.outcome != "scored"),
+        unusual=tuple(
+            link
+            for found in by_cell.values()
+            for link in found
+            if link.run.outcome != "scored" or (link.run.reason and not link.run.decisions)
+        ),
         tallies=None if tallies is None else tuple(tallies),
         looked_at=len(links),
         sensitivity=None if sensitivity is None else tuple(sensitivity),
