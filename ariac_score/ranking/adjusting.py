@@ -12,18 +12,28 @@ from decimal import Decimal
 
 from msgspec import structs
 
+from ariac_score.checks.findings import Finding
 from ariac_score.engine.price import price_trial, reprice
 from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Ranking, RunOutcome, Stewarded, rank_again
+from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome, Stewarded, rank_again
 from ariac_score.ranking.spec import Spec
 from ariac_score.results.adjustments import Adjustments, apply, check_targets
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.decimals import in_own_decimals
+from ariac_score.scoring.pricing import Priced
 from ariac_score.scoring.ruleset import RuleSet
-from ariac_score.scoring.steward import Adjusted, Adjustment, as_kept, with_verdicts
+from ariac_score.scoring.steward import (
+    LOST,
+    Adjusted,
+    Adjustment,
+    adjusted_ledger,
+    as_kept,
+    check_effects,
+    with_verdicts,
+)
 
 __all__ = ["adjusted_ranking", "decisions_by_run"]
 
@@ -42,7 +52,10 @@ def adjusted_ranking(
         decided.setdefault(_target(decision, ranking.runs).key, []).append(decision)
     runs = {run.key: run for run in ranking.runs}
     changed = {
-        key: _changed(runs[key], own, rule_set, ranking, adjustments.sha256) for key, own in decided.items()
+        key: _changed(runs[key], own, rule_set, ranking, adjustments.sha256)
+        if runs[key].result is not None
+        else _ruled(runs[key], own, rule_set, adjustments.sha256)
+        for key, own in decided.items()
     }
     after = rank_again(competition, spec, rule_set, ranking, changed)
     kept = tuple(as_kept(decision) for decision in adjustments.decisions)
@@ -89,7 +102,47 @@ def _no_such_run(decision: Adjustment, runs: Sequence[RunOutcome]) -> DataFileEr
 
 
 def _measured(run: RunOutcome) -> str:
-    return "" if run.result is None else measured_sha256(run.result)
+    return LOST if run.result is None else measured_sha256(run.result)
+
+
+def _ruled(run: RunOutcome, own: Sequence[Adjustment], rule_set: RuleSet, sha256: str) -> RunOutcome:
+    """A run whose log is lost, as the decisions about it leave it.
+
+    Raises:
+        DataFileError: A decision builds on what was measured, which nothing was.
+    """
+    for decision in own:
+        if not (decision.settles or decision.dismissed):
+            raise decision.refuse(
+                "nothing was measured of this run, so there is nothing to change", "set its score"
+            )
+    check_effects(own, {}, frozenset(), rule_set.digits)
+    adjusted = _of_lost(own, rule_set.digits, sha256)
+    if adjusted.score is None:
+        return replace(run, decisions=tuple(a.id for a in adjusted.adjustments))
+    return replace(
+        run,
+        outcome="disqualified" if adjusted.disqualified else "scored",
+        cause=_because(adjusted),
+        task=None if rule_set.sheet.task is None else adjusted.score,
+        score=adjusted.score,
+        worst=None,
+        decisions=tuple(a.id for a in adjusted.adjustments),
+        open=None,
+    )
+
+
+def _of_lost(own: Sequence[Adjustment], digits: int, sha256: str) -> Adjusted:
+    """What decisions that settle a score make of none."""
+
+    def nothing(_: Mapping[str, Finding]) -> Priced:
+        raise AssertionError("no verdict is decided where nothing was found")
+
+    return adjusted_ledger(None, {}, own, nothing, digits=digits, sha256=sha256)
+
+
+def _because(adjusted: Adjusted) -> str:
+    return "; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments)
 
 
 def _changed(
@@ -106,7 +159,7 @@ def _changed(
     return replace(
         run,
         outcome=_outcome(run, adjusted),
-        cause="; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments),
+        cause=_because(adjusted),
         score=adjusted.score,
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),
@@ -128,12 +181,11 @@ def _ends(run: RunOutcome, adjusted: Adjusted) -> Ends | None:
 def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
     if adjusted.disqualified:
         return "disqualified"
-    # A crashed run that stewards give a score counts as any scored run; points alone leave it crashed.
-    # An undecided one has a score as soon as all that withheld it is decided.
-    decided = adjusted.score is not None and (
-        run.outcome == "undecided" or any(a.score is not None for a in adjusted.adjustments)
-    )
-    return "scored" if decided and run.outcome in ("undecided", "crashed", "cancelled") else run.outcome
+    # A run without a score of its own that stewards give one counts as any scored run; points alone leave it
+    # crashed. An undecided one has a score as soon as all that withheld it is decided.
+    given = any(a.score is not None for a in adjusted.adjustments)
+    decided = adjusted.score is not None and (run.outcome == "undecided" or given)
+    return "scored" if decided and run.outcome not in WITH_SCORE else run.outcome
 
 
 def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet) -> Decimal | None:
@@ -158,8 +210,14 @@ def decisions_by_run(ranking: Ranking) -> Mapping[RunKey, Adjusted]:
     """The adjusted score of each run that stewards decided about."""
     if ranking.stewarded is None:
         return {}
-    return {
-        run.key: run.result.adjusted
-        for run in ranking.stewarded.ranking.runs
-        if run.result is not None and run.result.adjusted is not None
-    }
+    decided = {decision.id: decision for decision in ranking.stewarded.adjustments}
+    found = {}
+    for run in ranking.stewarded.ranking.runs:
+        if run.result is not None and run.result.adjusted is not None:
+            found[run.key] = run.result.adjusted
+        elif run.result is None and run.decisions and run.decisions[0] in decided:
+            own = [decided[name] for name in run.decisions]
+            if all(decision.measured == LOST for decision in own):
+                digits = 0 if run.score is None else max(0, -int(run.score.as_tuple().exponent))
+                found[run.key] = _of_lost(own, digits, ranking.stewarded.sha256)
+    return found

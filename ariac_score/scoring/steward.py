@@ -22,6 +22,7 @@ from ariac_score.scoring.ledger import Ledger, Line
 from ariac_score.scoring.pricing import Priced
 
 __all__ = [
+    "LOST",
     "VERDICTS",
     "Adjusted",
     "Adjustment",
@@ -32,6 +33,8 @@ __all__ = [
     "with_verdicts",
 ]
 
+LOST = "lost"
+"""What stands for the measurement of a run whose log is lost, so that nothing was measured."""
 VERDICTS = (Verdict.SATISFIED.value, Verdict.VIOLATED.value, Verdict.NOT_APPLICABLE.value)
 """What a steward can decide of a finding; that it stays undecided is no decision."""
 
@@ -44,7 +47,7 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
         author: Who decided.
         reason: Why.
         time: When, in UTC.
-        measured: SHA-256 of the measurement it was made for.
+        measured: SHA-256 of the measurement it was made for; `LOST` where the log of the run is lost.
         trial: Trial it was made for.
         team: Team it was made for; empty when the result names none.
         run: Number of the run, which a ranking needs.
@@ -61,7 +64,7 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
     author: str
     reason: str
     time: str
-    measured: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    measured: Annotated[str, Meta(pattern="^([0-9a-f]{64}|lost)$")]
     trial: str
     team: str = ""
     run: int | None = None

@@ -284,3 +284,65 @@ def test_points_move_both_ends_of_an_open_score_and_other_rulings_close_it(
                 id="d", author="s", reason="r", time="", trial="kit", measured="0" * 64, **effect
             )
             assert _ends(run, Adjusted(Decimal(score), None, (ruling,), "0" * 64)) == ends
+
+
+@pytest.fixture(scope="module")
+def beside_a_lost_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A competition of one trial: one team with a run, one whose only log is lost."""
+    root = tmp_path_factory.mktemp("lost")
+    for team in ("whole", "lost"):
+        (root / team).mkdir()
+    write_trial_log(root / "whole/kit_1.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    (root / "lost/kit_1.jsonl").write_text("not a log\n", encoding="utf-8")
+    (root / "competition.yaml").write_text(
+        "id: cup\nrules: paper2020\nruns: '{team}/{trial}_{run}.jsonl'\nadjustments: adjustments.yaml\n",
+        encoding="utf-8",
+    )
+    return root
+
+
+def about_the_lost(root: Path, effect: Any, **target: Any) -> None:
+    whose = {"team": "lost", "trial": "kit", "run": 1, "measured": "lost", **target}
+    own = {"id": "lost_1", "author": "The jury", "reason": "our disk failed; protocol 4"}
+    own = {**own, "time": "2024-05-12T14:30:00Z", "target": whose, "effect": effect}
+    (root / "adjustments.yaml").write_text(yaml.safe_dump({"adjustments": [own]}), encoding="utf-8")
+
+
+def test_stewards_give_a_run_a_score_whose_log_the_organiser_lost_and_it_is_a_line_of_its_own(
+    beside_a_lost_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    about_the_lost(beside_a_lost_log, {"score": 20})
+    assert main(["rank", str(beside_a_lost_log), "-o", str(tmp_path / "ranking.json")]) == 0
+    published = json.loads((tmp_path / "ranking.json").read_text(encoding="utf-8"))
+    assert main(["rank", str(beside_a_lost_log)]) == 0
+    text = capsys.readouterr().out
+
+    assert schema_errors(published, "ranking") == []
+    assert executions(published)["lost"] == 0
+    assert executions(published["adjusted"])["lost"] == 20
+    assert "lost, kit, run 1: none -> 20" in text
+    assert "The jury, 2024-05-12T14:30:00Z: our disk failed; protocol 4" in text
+    # What the file says is computed again, with the lost log as it lies there.
+    assert main(["verify", str(tmp_path / "ranking.json"), "--log", str(beside_a_lost_log)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("effect", "target", "cause"),
+    [
+        ({"points": 3}, {}, "nothing was measured of this run"),
+        ({"score": 20}, {"team": "whole"}, "made for another result"),
+        ({"score": 20}, {"measured": "0" * 64}, "made for another result"),
+        ({"score": 0.12345678}, {}, "has more than 6 decimals"),
+    ],
+)
+def test_nothing_but_a_score_is_decided_of_a_lost_log(
+    effect: Any,
+    target: dict[str, Any],
+    cause: str,
+    beside_a_lost_log: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    about_the_lost(beside_a_lost_log, effect, **target)
+
+    assert main(["rank", str(beside_a_lost_log)]) == 4
+    assert cause in capsys.readouterr().err
