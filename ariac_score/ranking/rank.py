@@ -558,7 +558,8 @@ def _beside_lost(run: RunOutcome, pool: _Pool, rule_set: RuleSet, known: CohortV
     A lost log costs nobody: the runs that are known count what they are worth by what is known. What the
     lost one may have done opens their scores downwards, so no claim rests on its having been calm.
     """
-    assert run.result is not None and run.score is not None  # it was priced
+    assert run.result is not None  # it was priced
+    assert run.score is not None
     bounds = ends_where_runs_are_lost(run.result, rule_set, known)
     ends = None
     if bounds is not None:

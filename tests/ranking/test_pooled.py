@@ -137,7 +137,8 @@ def test_where_nothing_bounds_what_a_lost_log_makes_of_a_score_it_is_undecided(t
     assert (run.outcome, run.open, run.reason) == (
         "undecided",
         None,
-        "run 2 is unreadable, and the rules count what all runs did; nothing bounds what that makes of the score",
+        "run 2 is unreadable, and the rules count what all runs did; "
+        "nothing bounds what that makes of the score",
     )
 
 
