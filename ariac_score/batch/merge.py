@@ -22,6 +22,7 @@ from ariac_score.batch.index import (
     refuse_other_rules,
     write_tables,
 )
+from ariac_score.batch.results import refuse_forged
 from ariac_score.batch.store import Store, read_document
 from ariac_score.batch.supervise import Report, unwritable
 from ariac_score.errors import BatchError, UsageError
@@ -45,8 +46,8 @@ def merge_batches(
 
     Raises:
         UsageError: A part is no finished batch, or was made by other rules or other code.
-        BatchError: Two parts have different results for one run, a document is missing or
-            damaged, or the folder cannot be written.
+        BatchError: Two parts have different results for one run, a document is missing, damaged or not
+            what its rules make of its findings, or the folder cannot be written.
     """
     descriptions = [_description(part) for part in parts]
     for part, description in zip(parts[1:], descriptions[1:], strict=True):
@@ -55,8 +56,8 @@ def merge_batches(
     _refuse_edited_rules(parts[0], descriptions[0])
     _refuse_gaps(descriptions)
     rules = parts[0] / RULES
-    own = rule_set_from_text(read_document(rules).decode("utf-8"), file=str(rules)).authority.signed_by
-    keys = keys_asked_for(own, public_key)
+    rule_set = rule_set_from_text(read_document(rules).decode("utf-8"), file=str(rules))
+    keys = keys_asked_for(rule_set.authority.signed_by, public_key)
     for part in parts:
         refuse_unsigned(part / RUNS, keys)
     joined = structs.replace(descriptions[0], shard=None)
@@ -67,6 +68,8 @@ def merge_batches(
         for part in parts:
             for row, document in checked_rows(part):
                 refuse_other_rules(row, joined.rule_set, part)
+                if row.object and not keys:  # tables that are signed name every result with its hash
+                    refuse_forged(document, part / row.object, rule_set)
                 _take(row, document, part, store, rows)
             check_index(part, (row for row, _ in read_rows(part / RUNS)))
         for line in rows.lines():

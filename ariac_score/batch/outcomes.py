@@ -28,6 +28,7 @@ __all__ = [
     "CheckCounts",
     "Summary",
     "error_text",
+    "is_outcome",
     "outcome_document",
     "outcome_of",
     "summary_of",
@@ -230,6 +231,15 @@ class _Result2(_Result, tag="ariac-score/result/2"):
 
 
 _DECODER = msgspec.json.Decoder(_Result | _Result1 | _Result2 | OutcomeDocument)
+
+
+def is_outcome(document: bytes) -> bool:
+    """Whether a document says why there is no result, and is none.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    return isinstance(_DECODER.decode(document), OutcomeDocument)
 
 
 def summary_of(document: bytes) -> Summary:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ariac_score.batch.description import load_description
 from ariac_score.batch.index import AGAIN, RUNS, Row, read_rows, recorded_document, refuse_other_rules
+from ariac_score.batch.outcomes import is_outcome
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.provenance import code_of
 from ariac_score.errors import (
@@ -21,11 +22,11 @@ from ariac_score.errors import (
 from ariac_score.ranking.competition import Competition, RunKey, registry_for
 from ariac_score.ranking.runs import without_sketch
 from ariac_score.results.result import Code, Pinned, Result
-from ariac_score.results.result_file import result_in
+from ariac_score.results.result_file import check_follows, check_rules, result_in
 from ariac_score.results.signing import refuse_unsigned
 from ariac_score.scoring.ruleset import RuleSet
 
-__all__ = ["results_of_batch"]
+__all__ = ["refuse_forged", "results_of_batch"]
 
 
 def results_of_batch(
@@ -77,7 +78,44 @@ def results_of_batch(
         named = ", ".join("/".join(map(str, key)) for key in missing[:3])
         runs = "run is" if len(missing) == 1 else "runs are"
         raise UsageError(f"{len(missing)} {runs} not in it: {named}", file=folder, hint=again)
-    return {run.key: _result(rows[run.key], folder, sketches=sketches) for run in competition.runs}
+    # The tables that somebody vouches for name every result with its hash.
+    own = None if signed_by else rule_set
+    return {run.key: _result(rows[run.key], folder, own, sketches=sketches) for run in competition.runs}
+
+
+def refuse_forged(document: bytes, place: Path, rule_set: RuleSet) -> None:
+    """Refuse a stored result that is not what its rules make of its findings.
+
+    Whether the findings are those of its log only the log shows. A document that says why there is no
+    result has nothing to be priced.
+
+    Args:
+        document: As it is stored.
+        place: Where.
+        rule_set: By which it must be.
+
+    Raises:
+        BatchError: It is no result, by other rules, or its ledger does not follow from its findings.
+    """
+    try:
+        if is_outcome(document):
+            return
+        result = result_in(document, place, known=True)
+    except ResultError as error:
+        raise BatchError(error.cause, file=place, hint=AGAIN) from error
+    except (ValueError, RecursionError) as error:
+        raise BatchError("it is no result", file=place, hint=AGAIN) from error
+    _refuse_priced_otherwise(result, place, rule_set)
+
+
+def _refuse_priced_otherwise(result: Result, place: Path, rule_set: RuleSet) -> None:
+    try:
+        check_rules(result)
+        if result.provenance.rule_set.sha256 != rule_set.sha256:
+            raise ResultError(f"it was not made by {rule_set.id}")
+        check_follows(result, rule_set)
+    except ResultError as error:
+        raise BatchError(error.cause, file=place, hint=AGAIN) from error
 
 
 def _installed_code(competition: Competition, rule_set: RuleSet) -> set[Code]:
@@ -85,11 +123,11 @@ def _installed_code(competition: Competition, rule_set: RuleSet) -> set[Code]:
     return {Code(*code) for code in code_of(prepared)}
 
 
-def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
+def _result(row: Row, folder: Path, rule_set: RuleSet | None, *, sketches: bool) -> Result | ScoreError:
+    """The result of a row; priced again where rules are given, for a table is rewritten as easily."""
     summary = row.summary
     if row.object:
         try:
-            # A document with the hash of the tables needs no second look: it was priced when it was made.
             result = result_in(recorded_document(row, folder), folder / row.object, known=True)
             if summary.outcome == "scored" and result.final is not None and float(result.final) != row.score:
                 raise BatchError(
@@ -97,6 +135,8 @@ def _result(row: Row, folder: Path, *, sketches: bool) -> Result | ScoreError:
                     file=folder / row.object,
                     hint=AGAIN,
                 )
+            if rule_set is not None:
+                _refuse_priced_otherwise(result, folder / row.object, rule_set)
             return result if sketches else without_sketch(result)
         except ResultError:
             if not summary.reason:

@@ -22,6 +22,7 @@ from ariac_score.batch.local import lost
 from ariac_score.batch.looking import signatures
 from ariac_score.batch.outcomes import UNSETTLED, outcome_document, summary_of
 from ariac_score.batch.pricing import Measurement, Priced, Pricing
+from ariac_score.batch.results import refuse_forged
 from ariac_score.batch.state import OnState, unwatched
 from ariac_score.batch.store import Store
 from ariac_score.batch.tasks import BatchSetting, RunTask, TaskKey
@@ -156,9 +157,9 @@ def run_batch(
             journal = store.journal.open("a", encoding="ascii", newline="\n")
             opened.callback(_close, journal)
             pricing = opened.enter_context(closing(Pricing(setting, store, work)))
-            settled = _Settled(rows, journal, on_outcome)
+            settled = _Settled(rows, journal, on_outcome, hashes)
             basis = basis_of(prepared, partial=setting.partial)
-            call = _Call(basis, setting, store, rows, hashes, pricing, settled, trusted, again)
+            call = _Call(basis, rule_set, setting, store, rows, hashes, pricing, settled, trusted, again)
             _describe(store, description, setting)
             call.score(tasks, executor)
             call.contradictions += write_tables(store, rows, work, trusted=trusted)
@@ -189,18 +190,21 @@ class _Settled:
         rows: Where their rows go.
         journal: Where new rows stand until the tables are written.
         on_outcome: Called for each.
+        hashes: Remembers what was stored here.
         outcomes: How many runs have which outcome.
     """
 
     rows: Rows
     journal: IO[str]
     on_outcome: OnOutcome
+    hashes: HashCache
     outcomes: Counter[str] = field(default_factory=Counter)
 
     def add(self, key: TaskKey, row: Written, *, known: bool = False) -> None:
         """Take the row of a run; `known` when an earlier call found it out."""
         self.rows.add(key, row.line)
         if not known:
+            self.hashes.note(_of_row(row.object), row.sha256)
             self.journal.write(row.line)
             # The supervisor may be killed at any moment, and the next call goes on from here.
             self.journal.flush()
@@ -227,6 +231,7 @@ class _Call:
 
     Attributes:
         basis: Hash of the checks, the log map and the code.
+        rule_set: By which runs are scored.
         setting: Rules and limits.
         store: The folder of the batch.
         rows: Of this call and of earlier ones.
@@ -238,6 +243,7 @@ class _Call:
     """
 
     basis: str
+    rule_set: RuleSet
     setting: BatchSetting
     store: Store
     rows: Rows
@@ -286,7 +292,7 @@ class _Call:
             elif found is not None:
                 yield from self.settled.add_priced(self.pricing.take(found))
             else:
-                yield _with_earlier(task, self.rows)
+                yield self._with_earlier(task)
         yield from self.settled.add_priced(self.pricing.rest())
 
     def _stored(self, task: RunTask, signature: str) -> Written | Measurement | None:
@@ -299,13 +305,51 @@ class _Call:
             return None
         address = measuring_address(task, contents, self.basis)
         name = self.store.name_of(address, self.setting.rules_sha256)
-        row = _row_at(task.key, name, self.store, self.rows, trusted=self.trusted)
+        row = self._row_at(task.key, name)
         if row is not None:
             return None if self.again and row.outcome in _WORTH_ANOTHER_TRY else row
         earlier = self.rows.earlier(task.key)
-        if earlier is not None and earlier.object.split("/")[-2:-1] == [address]:
+        if earlier is None or earlier.object == name or self._is_other(earlier):
+            return None
+        if earlier.object.split("/")[-2:-1] == [address]:
             return Measurement(task, address, intern(earlier.object.rpartition("/")[2]), earlier.sha256)
         return None
+
+    def _with_earlier(self, task: RunTask) -> RunTask:
+        """The run with what the tables recorded of it, for its worker."""
+        row = self.rows.earlier(task.key)
+        if row is None or self._is_other(row):
+            return task
+        return replace(task, earlier=row.object, earlier_sha256=row.sha256)
+
+    def _is_other(self, row: Written) -> bool:
+        """Whether this machine stored another document under the name that a row gives."""
+        return self.hashes.contents(_of_row(row.object)) not in ("", row.sha256)
+
+    def _row_at(self, key: TaskKey, name: str) -> Written | None:
+        """The row of the document that the tables recorded; `None` when there is none, or another lies there.
+
+        Tables that this machine did not write may have been rewritten with the document: of those it
+        stored it knows the hash, and any other is priced again. What follows from itself and was never
+        here may still be forged: then only a signature, or its log, shows what was measured.
+        """
+        row = self.rows.earlier(key)
+        if row is None or row.object != name:
+            return None
+        try:
+            document = self.store.read(name)
+            if row.sha256 != sha256(document).hexdigest():
+                return None
+            if self.trusted:
+                return row
+            if self._is_other(row):
+                return None
+            if not self.hashes.contents(_of_row(name)):
+                refuse_forged(document, self.store.root / name, self.rule_set)
+                self.hashes.note(_of_row(name), row.sha256)
+            return Written.of(Row.kept(key, document, name))
+        except (OSError, ValueError, BatchError):
+            return None
 
     def _addressed(self, done: Done) -> Done:
         """What an executor brought, with its address; empty where its process hashed nothing."""
@@ -354,11 +398,6 @@ def _earlier_rules(store: Store, setting: BatchSetting) -> str:
     return ""
 
 
-def _with_earlier(task: RunTask, rows: Rows) -> RunTask:
-    row = rows.earlier(task.key)
-    return task if row is None else replace(task, earlier=row.object, earlier_sha256=row.sha256)
-
-
 _TABLES = "the tables"
 """Under which name `HashCache` keeps the hash of the tables that were written last."""
 
@@ -374,19 +413,9 @@ def _finish(store: Store, hashes: HashCache) -> None:
     store.journal.unlink()
 
 
-def _row_at(key: TaskKey, name: str, store: Store, rows: Rows, *, trusted: bool) -> Written | None:
-    """The row of the document that the tables recorded; `None` when there is none, or another lies there."""
-    row = rows.earlier(key)
-    if row is None or row.object != name:
-        return None
-    try:
-        document = store.read(name)
-        # What follows from itself may still be forged: only its log shows what was measured.
-        if row.sha256 != sha256(document).hexdigest():
-            return None
-        return row if trusted else Written.of(Row.kept(key, document, name))
-    except (OSError, ValueError):
-        return None
+def _of_row(name: str) -> str:
+    """Under which name `HashCache` keeps the hash of a document that was stored here; empty for none."""
+    return f"document {name}" if name else ""
 
 
 def _contradicted(earlier: Written | None, found: Written) -> bool:

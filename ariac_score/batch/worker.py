@@ -37,12 +37,12 @@ from ariac_score.engine.prepared import Prepared, prepare
 from ariac_score.engine.price import reprice
 from ariac_score.engine.read import topics_read
 from ariac_score.engine.score import score_trial
-from ariac_score.errors import PluginError, ScoreError
+from ariac_score.errors import PluginError, ResultError, ScoreError
 from ariac_score.installed.running import listen_for_interrupts, note_in
 from ariac_score.installed.system import OPEN_FILES, end_after, limit_this_process, own_session
 from ariac_score.logs.containers.ranged import reading
 from ariac_score.results.result import Result
-from ariac_score.results.result_file import as_json, result_in
+from ariac_score.results.result_file import as_json, check_follows, check_rules, result_in
 from ariac_score.scoring.ruleset import RuleSet, expanded_yaml
 from ariac_score.trial.statements import ORGANISER
 
@@ -154,7 +154,9 @@ def _perform_local(
     store = Store(out) if out is not None else None
     earlier = _recorded(task, store, address) if store is not None else None
     if earlier is not None and earlier.provenance.rule_set.sha256 == setting.rules_sha256:
-        return Done(task, address, contents, before, None)
+        if _follows(earlier, rules.rule_set):
+            return Done(task, address, contents, before, None)
+        earlier = None  # its row was rewritten with it: only the log is left to ask
     document = _priced_again(earlier, rules.rule_set) if earlier is not None else None
     if document is None:
         known = _measured_before(task, contents, setting, store) if store is not None else None
@@ -226,6 +228,16 @@ def _recorded(task: RunTask, store: Store, address: str) -> Result | None:
         return None  # an outcome, which is found out again, or a damaged file
 
 
+def _follows(earlier: Result, rule_set: RuleSet | None = None) -> bool:
+    """Whether a stored result is what its rules (`rule_set`, where they are loaded) make of its findings."""
+    try:
+        check_rules(earlier)
+        check_follows(earlier, rule_set)
+    except ResultError:
+        return False
+    return True
+
+
 def _priced_again(earlier: Result, rule_set: RuleSet) -> bytes | None:
     """The stored measurement under other prices; `None` where that is not to be had."""
     try:
@@ -242,7 +254,8 @@ def _measured_before(task: RunTask, contents: str, setting: BatchSetting, store:
     """
     if not task.earlier or not setting.earlier_basis:
         return None
-    return _recorded(task, store, measuring_address(task, contents, setting.earlier_basis))
+    found = _recorded(task, store, measuring_address(task, contents, setting.earlier_basis))
+    return found if found is not None and _follows(found) else None
 
 
 def _scored(task: RunTask, rules: Prepared, known: Result | None, *, partial: bool) -> bytes:

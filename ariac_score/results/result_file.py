@@ -436,11 +436,15 @@ def check_rules(result: Result) -> None:
         )
 
 
-def check_follows(result: Result) -> None:
+def check_follows(result: Result, rule_set: RuleSet | None = None) -> None:
     """Price the findings again by the rules in the result, and compare every line.
 
     Decisions of stewards are applied again as well. Of a ledger that the former method took apart only
     the sum is compared.
+
+    Args:
+        result: As it was read.
+        rule_set: The rules in it, where they are loaded already.
 
     Raises:
         ResultError: Score or ledger do not follow from the findings, or the adjusted
@@ -448,7 +452,7 @@ def check_follows(result: Result) -> None:
     """
     hint = "the result was edited or damaged, or made by another version: score the trial again"
     try:
-        rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+        rule_set = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
         priced = price(
             result.measured.findings,
             result.measured.scopes,

@@ -26,7 +26,7 @@ import yaml
 from ariac_score import load_result, load_rule_set, score_trial
 from ariac_score.batch import address, pricing, supervise, worker
 from ariac_score.batch.description import Shard
-from ariac_score.batch.index import Row
+from ariac_score.batch.index import Row, read_rows
 from ariac_score.batch.isolated import earlier_document, measure_isolated
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.merge import merge_batches
@@ -412,6 +412,50 @@ def test_a_forged_result_from_which_all_follows_is_scored_again_from_its_log(
     batch(trials, tmp_path / "out")
 
     assert same(tmp_path / "before", tmp_path / "out")
+
+
+def rewrite(out: Path, document: str) -> None:
+    """Put another document in the place of the result of b.jsonl, and all that the tables say of it."""
+    own = rows(out)["/b.jsonl/1"]
+    (out / own.object).write_text(document, encoding="utf-8")
+    forged = Row.kept(own.key, document.encode("utf-8"), own.object)
+    lines = [forged if row.key == own.key else row for row, _ in read_rows(out / "runs.jsonl")]
+    (out / "runs.jsonl").write_text("".join(row.as_line() for row in lines), encoding="ascii")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("forged", "elsewhere"), [("score", True), ("finding, priced again", False)])
+def test_a_result_that_was_rewritten_with_its_row_is_scored_again_from_its_log(
+    trials: Path, tmp_path: Path, forged: str, elsewhere: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    batch(trials, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    stored = tmp_path / "out" / rows(tmp_path / "out")["/b.jsonl/1"].object
+    text, result = stored.read_text(encoding="utf-8"), load_result(stored)
+    if forged == "score":
+        rewrite(tmp_path / "out", text.replace(f'"score": {json.loads(text)["score"]}', '"score": 99.0'))
+    else:
+        findings = {key: replace(one, message="kept") for key, one in result.measured.findings.items()}
+        measured = replace(result.measured, findings=findings)
+        rewrite(tmp_path / "out", as_json(price_trial(measured, load_rule_set(RULES), result.provenance)))
+    if elsewhere:
+        # A machine that never saw the true one takes a signature to find a forgery from which all follows.
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another"))
+
+    batch(trials, tmp_path / "out")
+
+    assert same(tmp_path / "before", tmp_path / "out")
+
+
+def test_a_score_that_was_rewritten_with_its_row_is_not_joined(trials: Path, tmp_path: Path) -> None:
+    batch(trials, tmp_path / "out")
+    stored = tmp_path / "out" / rows(tmp_path / "out")["/b.jsonl/1"].object
+    text = stored.read_text(encoding="utf-8")
+    rewrite(tmp_path / "out", text.replace(f'"score": {json.loads(text)["score"]}', '"score": 99.0'))
+    (tmp_path / "out" / "index.sqlite").unlink()
+
+    with pytest.raises(BatchError, match=r"is 99\.0|does not follow|add up"):
+        joined([tmp_path / "out"], tmp_path / "whole")
 
 
 @pytest.mark.slow
