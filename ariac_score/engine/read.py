@@ -12,7 +12,7 @@ from ariac_score.checks.contracts import Decoder, Likening, Reader, TrackReader,
 from ariac_score.checks.guarded import GuardedDecoder, GuardedReader, broken, open_readers
 from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.completeness import with_completeness
-from ariac_score.engine.facts import refuse_other_facts
+from ariac_score.engine.facts import facts_of_competition, refuse_facts_below, refuse_other_facts
 from ariac_score.engine.prepared import Prepared, PreparedCheck, words_of
 from ariac_score.errors import (
     DataFileError,
@@ -361,6 +361,10 @@ def read_needed(
     if prepared.fact_schemas is not None:
         plugin, schemas = prepared.fact_schemas
         refuse_other_facts(trial, schemas, by=plugin, file=bundle.root)
+    named = prepared.rule_set.competition
+    if named is not None:
+        facts = facts_of_competition(named, prepared.registry)
+        refuse_facts_below(trial, facts, by=named.use, file=bundle.root)
     return trial
 
 

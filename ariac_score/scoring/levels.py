@@ -36,11 +36,14 @@ class DeclaredFact:
         type: `number` or `text`.
         unit: Of a number, such as `s`; empty where none is said.
         meaning: In words.
+        least: A number is never less, which a competition states of what it counts; `None`: nobody says so. A
+            trial in which it is less is refused.
     """
 
     type: str = NUMBER
     unit: str = ""
     meaning: str = ""
+    least: float | None = None
 
 
 ALWAYS: Mapping[str, Mapping[str, DeclaredFact]] = {
@@ -99,7 +102,7 @@ def declared_facts(stated: Mapping[str, Any]) -> dict[str, dict[str, DeclaredFac
     """The facts of each level, from how a file or a plugin writes them.
 
     Args:
-        stated: By level and name: `number` or `text`, or a mapping with `type`, `unit`, `meaning`.
+        stated: By level and name: `number` or `text`, or a mapping with `type`, `unit`, `meaning`, `least`.
 
     Raises:
         ValueError: Naming a fact that is declared as anything else.
@@ -115,9 +118,9 @@ def _fact(name: str, body: Any) -> DeclaredFact:
         return body
     if isinstance(body, str):
         body = {"type": body}
-    known = {"type", "unit", "meaning"}
-    whole = (
-        isinstance(body, Mapping) and set(body) <= known and all(isinstance(v, str) for v in body.values())
+    known = {"type": str, "unit": str, "meaning": str, "least": (int, float)}
+    whole = isinstance(body, Mapping) and all(
+        key in known and isinstance(value, known[key]) for key, value in body.items()
     )
     if not whole or body.get("type") not in (NUMBER, TEXT):
         raise ValueError(f"fact {name} is declared as {body!r}, not as {NUMBER!r} or {TEXT!r}")
@@ -125,7 +128,7 @@ def _fact(name: str, body: Any) -> DeclaredFact:
 
 
 def facts_as_written(facts: Mapping[str, Mapping[str, DeclaredFact]]) -> dict[str, dict[str, Any]]:
-    """Facts as a rule set writes them, the shortest way."""
+    """Facts as a rule set writes them, the shortest way; how little they can be is for proofs and readers."""
     return {
         level: {name: _as_written(fact) for name, fact in own.items()} for level, own in facts.items() if own
     }

@@ -37,13 +37,17 @@ class Ariac:
 
     levels: ClassVar = ("part", "submission", "order", "trial")
     facts: ClassVar = {
-        "submission": {"parts": {"type": "number", "meaning": "number of wanted products"}},
+        "submission": {"parts": {"type": "number", "meaning": "number of wanted products", "least": 0}},
         "order": {
-            "index": {"type": "number", "meaning": "0 for the first order announced, 1 for the second, …"},
+            "index": {
+                "type": "number",
+                "meaning": "0 for the first order announced, 1 for the second, …",
+                "least": 0,
+            },
             "priority": {"type": "number", "meaning": "as the order gives it"},
-            "parts": {"type": "number", "meaning": "number of wanted products"},
+            "parts": {"type": "number", "meaning": "number of wanted products", "least": 0},
         },
-        "trial": {"orders": {"type": "number", "meaning": "number of orders"}},
+        "trial": {"orders": {"type": "number", "meaning": "number of orders", "least": 0}},
     }
     words: ClassVar[Mapping[str, tuple[str, str]]] = {
         "trial": ("trial", "trials"),

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import reduce
-from math import inf, isfinite, log
+from math import inf, isfinite, log, nextafter
 
 from ariac_score.errors import FormulaError
 from ariac_score.review.proofs.quantities import Quantity
@@ -224,8 +224,12 @@ class Grades:
         elif isinstance(node, Op) and node.name in ("<", "<="):
             low, high = node.of if holds else node.of[::-1]
             less, more = self._of(low).typed, self._of(high).typed
-            self._note(low, -inf, more.most)
-            self._note(high, less.least, inf)
+            # `a < b` that holds, and `a <= b` that does not, leave out that both are equal.
+            apart = (node.name == "<") is holds
+            most = nextafter(more.most, -inf) if apart and isfinite(more.most) else more.most
+            least = nextafter(less.least, inf) if apart and isfinite(less.least) else less.least
+            self._note(low, -inf, most)
+            self._note(high, least, inf)
         elif not holds and not (isinstance(node, Op) and node.name in _FLAT):
             self._note(node, 0, 0)
 
@@ -277,7 +281,8 @@ def _inverse(one: Grade) -> Grade:
     if one.typed.least <= 0 <= one.typed.most:
         return Grade(typed, frozenset(), frozenset(one.typed.signs), dict.fromkeys(one.steep, inf))
     least = min(abs(one.typed.least), abs(one.typed.most))
-    return Grade(typed, _only_sure(one.strict, typed), one.jumps, _scaled(one.steep, 1 / least**2))
+    steep = 1 / least**2 if least**2 else inf  # beyond every number, next to 0
+    return Grade(typed, _only_sure(one.strict, typed), one.jumps, _scaled(one.steep, steep))
 
 
 def _power(base: Grade, exponent: Grade) -> Grade:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 
 from ariac_score.checks.measures import Measure, measures_of
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.facts import facts_of_competition
+from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import World
 from ariac_score.review.laws.proving import about_humans, bridged_pauses, event_checks, ungraded_checks
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, REFERENCE_UNGRADED, reference_rules
 from ariac_score.review.proofs.grades import Grade, Grades
 from ariac_score.review.proofs.quantities import TASK, VIOLATIONS, Quantity
-from ariac_score.review.proofs.tree import Term, inputs_of, trees
+from ariac_score.review.proofs.tree import Node, Term, inputs_of, trees
+from ariac_score.scoring.levels import DeclaredFact
 from ariac_score.scoring.penalties import penalty_names
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 
@@ -98,7 +102,7 @@ def subject_of(name: str, registry: Registry) -> Subject:
     """
     if name in penalty_names() or name.startswith("penalty."):
         world = World(reference_rules(name), REFERENCE_EVENTS, ungraded=REFERENCE_UNGRADED)
-        return _subject(name, world, {}, is_penalty=True)
+        return _subject(name, world, {}, {}, is_penalty=True)
     return subject_of_rules(load_rule_set(name), registry, name)
 
 
@@ -116,11 +120,18 @@ def subject_of_rules(rule_set: RuleSet, registry: Registry, name: str = "") -> S
         ungraded_checks(rule_set, registry),
         about_humans(rule_set, registry),
     )
-    return _subject(name or rule_set.id, world, measures)
+    return _subject(
+        name or rule_set.id, world, measures, facts_of_competition(rule_set.competition, registry)
+    )
 
 
 def _subject(
-    name: str, world: World, measures: Mapping[str, Mapping[str, Measure]], *, is_penalty: bool = False
+    name: str,
+    world: World,
+    measures: Mapping[str, Mapping[str, Measure]],
+    facts: Mapping[str, Mapping[str, DeclaredFact]],
+    *,
+    is_penalty: bool = False,
 ) -> Subject:
     ties = dict(world.ties)
     score, terms = trees(
@@ -130,6 +141,17 @@ def _subject(
         bridged=world.bridged,
         measures=measures,
         safety=world.safety,
+        facts=facts,
+        range_of=_range_of,
     )
     behind = {term: (tree, ties[term]) for term, tree in terms.items()}
     return Subject(name, world, score, behind, is_penalty=is_penalty)
+
+
+def _range_of(node: Node) -> tuple[float, float]:
+    """Between what the values of a tree lie; anything where nothing bounds them, or they have none."""
+    try:
+        typed = Grades().of(node).typed
+    except (FormulaError, ZeroDivisionError):
+        return -inf, inf
+    return typed.least, typed.most

@@ -21,7 +21,7 @@ from ariac_score.review.proofs.quantities import (
     of_rule,
 )
 from ariac_score.scoring.expression import COMPARISONS, Expression, known_value, text_of
-from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL
+from ariac_score.scoring.levels import ALWAYS, TEXT, TRIAL, DeclaredFact
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.sheet import AGAIN_AFTER_S, AGGREGATES, CHECK_FUNCTIONS
 
@@ -137,6 +137,8 @@ def trees(
     bridged: Mapping[str, float],
     measures: Mapping[str, Mapping[str, Measure]],
     safety: Collection[str],
+    facts: Mapping[str, Mapping[str, DeclaredFact]],
+    range_of: Callable[[Node], tuple[float, float]],
 ) -> tuple[Term, dict[str, Term]]:
     """The score of a rule set, before it is rounded, and terms of the trial by name.
 
@@ -148,8 +150,10 @@ def trees(
         measures: What checks declare of their quantities, by check and quantity.
         safety: Its monitors whose violations are priced. What another one that watches nothing says, such as
             what an official record shows, is taken as it is.
+        facts: What the competition declares of the facts of its work, by level and name.
+        range_of: Between what the values of a tree lie, which a mean over teams lies between as well.
     """
-    grower = _Grower(rule_set, events, bridged, measures, frozenset(safety))
+    grower = _Grower(rule_set, events, bridged, measures, frozenset(safety), facts, range_of)
     score = Term("score", grower.grow(rule_set.sheet.score, TRIAL))
     return score, {name: grower.term(TRIAL, name) for name in terms}
 
@@ -161,6 +165,8 @@ class _Grower:
     bridged: Mapping[str, float]
     measures: Mapping[str, Mapping[str, Measure]]
     safety: frozenset[str]
+    facts: Mapping[str, Mapping[str, DeclaredFact]]
+    range_of: Callable[[Node], tuple[float, float]]
     _terms: dict[tuple[str, str], Term] = field(default_factory=dict)
 
     def grow(self, formula: Expression, level: str) -> Node:
@@ -173,6 +179,19 @@ class _Grower:
             label = name if level == TRIAL else f"{level}.{name}"
             self._terms[level, name] = Term(label, self.grow(formula, level))
         return self._terms[level, name]
+
+    def mean(self, dotted: str) -> Quantity:
+        """A mean over teams, which lies between what each of them can contribute."""
+        term = self.rule_set.sheet.cohort[dotted.removeprefix("cohort.")]
+        least, most = self.range_of(self.grow(term.value, term.level))
+        if term.empty is not None:
+            least, most = min(least, term.empty), max(most, term.empty)
+        return Quantity(dotted, TEAMS, least, most)
+
+    def least_of(self, level: str, name: str) -> float:
+        """What a fact is never less than."""
+        declared = self.facts.get(level, {}).get(name)
+        return -inf if declared is None or declared.least is None else declared.least
 
     def number(self, formula: Expression) -> float | None:
         """What a formula is where it names nothing but parameters; else `None`."""
@@ -200,15 +219,21 @@ class _Growing:
         if dotted in sheet.parameters:
             return Known(float(sheet.parameters[dotted]))
         if prefix == "cohort":
-            return Taken(Quantity(dotted, TEAMS, -inf, inf))
+            return Taken(self.grower.mean(dotted))
         if prefix == "runs":
             return Op("runs", (self.grower.term(TRIAL, name),))
         level = prefix or self.level
         if name in sheet.facts_of(level):
-            return Taken(_fact(level, name))
+            return Taken(self._fact(level, name))
         return self.grower.term(level, name)
 
     grow_attribute = grow_name
+
+    def _fact(self, level: str, name: str) -> Quantity:
+        if level == TRIAL and name in ALWAYS[TRIAL]:
+            return Quantity(f"{TRIAL}.{name}", DURATION)
+        least = 0.0 if name == "index" else self.grower.least_of(level, name)
+        return Quantity(f"{level}.{name}", FACT, least, inf)
 
     def grow_binop(self, node: ast.BinOp) -> Node:
         left, right = self.grow(node.left), self.grow(node.right)
@@ -351,12 +376,6 @@ class _Growing:
         return Taken(
             Quantity(label, VIOLATIONS, least, inf, (check,), grows=False, why_not=UNKNOWN, bridged=False)
         )
-
-
-def _fact(level: str, name: str) -> Quantity:
-    if level == TRIAL and name in ALWAYS[TRIAL]:
-        return Quantity(f"{TRIAL}.{name}", DURATION)
-    return Quantity(f"{level}.{name}", FACT, 0.0 if name == "index" else -inf, inf)
 
 
 def _times(factor: float, node: Node) -> Node:
