@@ -330,7 +330,7 @@ def _nothing(world: World, situation: Situation) -> Broken | None:
 # Stopping early does not pay at a constant violation rate ------------------------------
 
 _PERIOD = 30 * TICKS_PER_S
-_PIECES = 2
+_PIECES, _MANY_PIECES = 2, 6
 
 
 def _draw_pieces(world: World, rng: Random) -> Situation:
@@ -343,8 +343,10 @@ def _draw_pieces(world: World, rng: Random) -> Situation:
     if rng.random() < 0.2:  # more often than the least piece of work is worth points
         first = _again(world, rng, 9)
         first = first if first[-1].end <= _PERIOD // 2 else first[:3]
+    # What is capped, or grows faster than work, may only be beyond what work brings after several pieces.
+    pieces = _MANY_PIECES if len(first) == 1 else _PIECES
     return Situation(
-        replace(case, orders=(case.orders[0],) * _PIECES, failed=failed, violations=tuple(sorted(first)))
+        replace(case, orders=(case.orders[0],) * pieces, failed=failed, violations=tuple(sorted(first)))
     )
 
 

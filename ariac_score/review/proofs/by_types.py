@@ -133,7 +133,7 @@ def _strictly(
         if only is not None and check not in only:
             continue
         if _takes_all(subject, check):
-            because.append(f"one violation of {check} takes everything")
+            because.append(f"one violation of {check} takes everything that is above 0")
             continue
         moved = [q for q in subject.priced_violations if check in q.checks and not same(q)]
         falls = _falls(subject, moved, alive=True)
@@ -151,11 +151,10 @@ def _strictly(
 
 
 def _takes_all(subject: Subject, check: str) -> bool:
-    """Whether the first violation of a check makes the score 0, so that nothing is left for another."""
+    """Whether the first violation of a check leaves no score above 0, so that nothing is left for another."""
     first = {q.name: 1.0 for q in subject.priced_violations if q.checks == (check,) and q.switch}
     first = {name: one for name, one in first.items() if name.startswith("violated(")}
-    left = Grades(pins=first).of(subject.tree).typed
-    return bool(first) and left.is_known and left.least == 0
+    return bool(first) and Grades(pins=first).of(subject.tree).typed.most <= 0
 
 
 def no_cliff(subject: Subject) -> Argument:

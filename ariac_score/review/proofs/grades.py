@@ -135,7 +135,7 @@ class Grades:
         if node.name == "*":
             return _product(parts[0], parts[1], below[0])
         if node.name == "/":
-            return _product(parts[0], _inverse(parts[1]), below[0], of=quotient(*(p.typed for p in parts)))
+            return _product(parts[0], _inverse(parts[1]), below[0], of=_quotient(*(p.typed for p in parts)))
         if node.name == "**":
             return _power(parts[0], parts[1])
         return _function(node.name, parts)
@@ -276,6 +276,18 @@ def _product(one: Grade, other: Grade, nonzero: bool, *, of: Typed | None = None
     return Grade(typed, _only_sure(strict, typed), one.jumps | other.jumps, steep)
 
 
+def _quotient(one: Typed, other: Typed) -> Typed:
+    """One value divided by another; there is none where that is 0, so that only its side of 0 counts.
+
+    What moves the divisor may move the quotient either way, also into having no value.
+    """
+    if not (other.least <= 0 <= other.most) or (other.least < 0 < other.most) or other.is_known:
+        return quotient(one, other)
+    moved = dict.fromkeys(other.signs, Sign.BOTH)
+    side = Typed(0.0, inf, moved) if other.least == 0 else Typed(-inf, 0.0, moved)
+    return product(one, side)
+
+
 def _inverse(one: Grade) -> Grade:
     typed = quotient(constant(1), one.typed)
     if one.typed.least <= 0 <= one.typed.most:
@@ -358,9 +370,12 @@ def _function(name: str, parts: list[Grade]) -> Grade:
 
 def _may_be(name: str, parts: list[Grade]) -> list[Grade]:
     """Those that can be the least, or the greatest, of several."""
+    # One that is never beyond another is never needed, also where both can be alike.
     if name == "min":
-        return [part for part in parts if part.typed.least <= min(one.typed.most for one in parts)]
-    return [part for part in parts if part.typed.most >= max(one.typed.least for one in parts)]
+        last = min(parts, key=lambda part: part.typed.most)
+        return [part for part in parts if part is last or part.typed.least < last.typed.most]
+    last = max(parts, key=lambda part: part.typed.least)
+    return [part for part in parts if part is last or part.typed.most > last.typed.least]
 
 
 def _ramp(typed: Typed, parts: list[Grade], jumps: frozenset[str]) -> Grade:
