@@ -303,10 +303,12 @@ def _draw_work(world: World, rng: Random) -> Situation:
     return Situation(replace(case, violations=_again(world, rng, 40)) if rng.random() < 0.3 else case)
 
 
-def _again(world: World, rng: Random, count: int) -> tuple[Violation, ...]:
-    """One short violation again and again, the pauses too long to be bridged."""
+def _again(world: World, rng: Random, count: int, *, events: int = 0) -> tuple[Violation, ...]:
+    """One short violation again and again, the pauses too long to be bridged; `events` single ones, if given."""
     first = replace(draw_violation(world, rng), critical=False)
     length = 0 if first.check in world.events else 1
+    if events and not length:  # which nothing joins, however close they are
+        return tuple(replace(first, start=2 * n, end=2 * n) for n in range(events))
     step = round(world.t_off_s(first.check) * TICKS_PER_S) + 5
     return tuple(replace(first, start=n * step, end=n * step + length) for n in range(count))
 
@@ -331,6 +333,8 @@ def _nothing(world: World, situation: Situation) -> Broken | None:
 
 _PERIOD = 30 * TICKS_PER_S
 _PIECES, _MANY_PIECES = 2, 6
+_EVENTS = 60
+"""Single events with each piece: more than any piece of work is worth points."""
 
 
 def _draw_pieces(world: World, rng: Random) -> Situation:
@@ -341,7 +345,7 @@ def _draw_pieces(world: World, rng: Random) -> Situation:
         replace(v, start=v.start % 100, end=v.start % 100 + min(v.end - v.start, 50)) for v in case.violations
     )
     if rng.random() < 0.2:  # more often than the least piece of work is worth points
-        first = _again(world, rng, 9)
+        first = _again(world, rng, 9, events=_EVENTS)
         first = first if first[-1].end <= _PERIOD // 2 else first[:3]
     # What is capped, or grows faster than work, may only be beyond what work brings after several pieces.
     pieces = _MANY_PIECES if len(first) == 1 else _PIECES
