@@ -108,6 +108,7 @@ class World:
         ungraded: Checks whose violations have no depth, such as contacts.
         humans: For each check about humans whether it charges a machine that stands still; `None` where it
             does not say.
+        paid: For each rule the quantities that say what work earned, which are 0 where it was not done.
     """
 
     rule_set: RuleSet
@@ -115,6 +116,7 @@ class World:
     bridged: Mapping[str, float] = field(default_factory=dict)
     ungraded: frozenset[str] = frozenset()
     humans: Mapping[str, bool | None] = field(default_factory=dict)
+    paid: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @cached_property
     def uses(self) -> dict[str, list[tuple[str, str]]]:
@@ -202,8 +204,10 @@ class World:
 
     @cached_property
     def earning(self) -> tuple[str, ...]:
-        """Those of them whose satisfied findings are counted."""
-        return tuple(check for check in self.task if "points" in {f for _, f in self.uses[check]})
+        """Rules that say what work earned, by their satisfied findings or by what they measure."""
+        counted = {check for check in self.task if "points" in {f for _, f in self.uses[check]}}
+        measured = {check for check, names in self.paid.items() if names & set(self.measured.get(check, ()))}
+        return tuple(check for check in self.uses if check in counted | measured)
 
     def t_off_s(self, check: str) -> float:
         """Below which pause the monitor makes one of two violations."""
@@ -270,7 +274,10 @@ class World:
             for subject in self.subjects(case, check):
                 verdict = Verdict.VIOLATED if (check, subject) in case.failed else Verdict.SATISFIED
                 verdict = Verdict.INCONCLUSIVE if (check, subject) in case.unknown else verdict
-                yield Finding(subject, verdict, check, quantities=self._numbers(check, case), check=check)
+                numbers = self._numbers(check, case)
+                if verdict is Verdict.VIOLATED:
+                    numbers |= dict.fromkeys(self.paid.get(check, frozenset()) & numbers.keys(), 0.0)
+                yield Finding(subject, verdict, check, quantities=numbers, check=check)
 
     def _numbers(self, check: str, case: Case) -> dict[str, float]:
         return {name: case.numbers[f"{check}.{name}"] for name in self.measured.get(check, ())}

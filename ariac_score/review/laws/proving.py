@@ -8,6 +8,7 @@ from random import Random
 from types import MappingProxyType
 
 from ariac_score.checks.contracts import Monitor
+from ariac_score.checks.measures import measures_of
 from ariac_score.checks.registry import Registry
 from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import World
@@ -25,6 +26,7 @@ __all__ = [
     "bridged_pauses",
     "check_laws",
     "event_checks",
+    "paid_quantities",
     "ungraded_checks",
 ]
 
@@ -81,6 +83,7 @@ def check_laws(
     bridged: Mapping[str, float] = MappingProxyType({}),
     ungraded: Set[str] = frozenset(),
     humans: Mapping[str, bool | None] = MappingProxyType({}),
+    paid: Mapping[str, frozenset[str]] = MappingProxyType({}),
     only: Collection[str] = (),
     steps: int = MOST_STEPS,
     draw: Draw = any_draw,
@@ -96,11 +99,12 @@ def check_laws(
         bridged: Below which pause each of these makes one of two violations, s (`bridged_pauses`).
         ungraded: The checks whose violations have no depth (`ungraded_checks`).
         humans: The checks about humans, and whether they charge a machine at rest (`about_humans`).
+        paid: The quantities of rules that say what work earned (`paid_quantities`).
         only: Names of the laws to try; empty: all.
         steps: How many tries a counter-example is reduced by, which take time.
         draw: What the next case is; any that the law may be tried in, where nothing is given.
     """
-    world = World(rule_set, frozenset(events), bridged, frozenset(ungraded), humans)
+    world = World(rule_set, frozenset(events), bridged, frozenset(ungraded), humans, paid)
     laws = [law for law in (ALL_LAWS if only else LAWS) if not only or law.name in only]
     return tuple(_tried(law, world, cases, seed, steps=steps, draw=draw) for law in laws)
 
@@ -146,6 +150,23 @@ def ungraded_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
         for name, check in built.items()
         if isinstance(check, Monitor) and not getattr(check, "graded", False)
     )
+
+
+def paid_quantities(rule_set: RuleSet, registry: Registry) -> dict[str, frozenset[str]]:
+    """For each rule the quantities that say what work earned, as a printed score does.
+
+    Raises:
+        PluginError: A plugin of the rule set is not installed or broken.
+        RuleSetError: A plugin refuses its parameters.
+    """
+    found = {
+        name: frozenset(
+            quantity for quantity, measure in measures_of(check).items() if measure.role == "points"
+        )
+        for name, check in rule_set.build(registry).items()
+        if not isinstance(check, Monitor)
+    }
+    return {name: quantities for name, quantities in found.items() if quantities}
 
 
 def about_humans(rule_set: RuleSet, registry: Registry) -> dict[str, bool | None]:

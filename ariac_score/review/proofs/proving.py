@@ -98,6 +98,7 @@ def _made(where: str, draw: Draw, *, cases: int, seed: int, steps: int) -> Searc
             bridged=world.bridged,
             ungraded=world.ungraded,
             humans=world.humans,
+            paid=world.paid,
             only=[law.name],
             steps=steps,
             draw=draw,

@@ -46,6 +46,7 @@ class Quantity:
         adds: Whether pieces of work with the same violations each give it the same each.
         switch: Whether it is 0 or 1 for the trial: whether there is any.
         same_at_rates: Whether every log rate that sees a violation at all gives it the same.
+        earns: Whether it is what work earned as somebody printed it, which is 0 where nothing was done.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Quantity:
     adds: bool = False
     switch: bool = False
     same_at_rates: bool = False
+    earns: bool = False
 
     def __str__(self) -> str:
         return self.name

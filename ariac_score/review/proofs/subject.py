@@ -12,7 +12,13 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.facts import facts_of_competition
 from ariac_score.errors import FormulaError
 from ariac_score.review.laws.cases import World
-from ariac_score.review.laws.proving import about_humans, bridged_pauses, event_checks, ungraded_checks
+from ariac_score.review.laws.proving import (
+    about_humans,
+    bridged_pauses,
+    event_checks,
+    paid_quantities,
+    ungraded_checks,
+)
 from ariac_score.review.laws.reference import REFERENCE_EVENTS, REFERENCE_UNGRADED, reference_rules
 from ariac_score.review.proofs.grades import Grade, Grades
 from ariac_score.review.proofs.quantities import TASK, VIOLATIONS, Quantity
@@ -84,7 +90,7 @@ class Subject:
         return {
             one.name: float(one.switch and one.checks[0] in earning)
             for one in self.quantities.values()
-            if one.of == TASK and (one.grows or one.checks[0] in earning)
+            if one.earns or (one.of == TASK and (one.grows or one.checks[0] in earning))
         }
 
     @property
@@ -119,6 +125,7 @@ def subject_of_rules(rule_set: RuleSet, registry: Registry, name: str = "") -> S
         bridged_pauses(rule_set, registry),
         ungraded_checks(rule_set, registry),
         about_humans(rule_set, registry),
+        paid_quantities(rule_set, registry),
     )
     return _subject(
         name or rule_set.id, world, measures, facts_of_competition(rule_set.competition, registry)

@@ -369,7 +369,9 @@ class _Growing:
         declared = self.grower.measures.get(check, {}).get(quantity)
         least = 0.0 if declared is not None and declared.is_never_negative else -inf
         if not watches:
-            return Taken(Quantity(label, FACT, least, inf, (check,), adds=True))
+            is_rule = check not in self.grower.rule_set.monitors
+            earns = is_rule and declared is not None and declared.role == "points"
+            return Taken(Quantity(label, FACT, least, inf, (check,), adds=True, earns=earns))
         known = {"time_in_violation_s": "seconds", "relative_depth_integral_s": "depth"}
         if quantity in known:
             return Taken(of_monitor(known[quantity], check, events=False, label=label))
