@@ -19,7 +19,7 @@ from ariac_score.errors import (
     ScoreError,
     UsageError,
 )
-from ariac_score.ranking.competition import Competition, RunKey, registry_for
+from ariac_score.ranking.competition import Competition, RunKey, registry_for, signed_for
 from ariac_score.ranking.runs import without_sketch
 from ariac_score.results.result import Code, Pinned, Result
 from ariac_score.results.result_file import check_follows, check_rules, result_in
@@ -55,7 +55,7 @@ def results_of_batch(
     """
     again = f"ariac-score batch {competition.file} -o {folder}"
     description = load_description(folder, hint=again)
-    refuse_unsigned(folder / RUNS, signed_by)
+    refuse_unsigned(folder / RUNS, signed_by, competition=signed_for(competition))
     scored_under = description.rule_set
     if scored_under != Pinned(rule_set.id, rule_set.sha256):
         raise UsageError(

@@ -20,7 +20,7 @@ from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences
-from ariac_score.ranking.competition import Competition, RunKey, load_competition, signers_of
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, signed_for, signers_of
 from ariac_score.ranking.design import designs
 from ariac_score.ranking.evaluation import Evaluation, evaluation_program, strict_evaluation
 from ariac_score.ranking.publication import StoredResult, ranking_json
@@ -231,7 +231,7 @@ def refuse_unsigned_decisions(file: Path | None, competition: Competition, keys:
     """
     file = file or competition.adjustments
     if file is not None:
-        refuse_unsigned(file, keys)
+        refuse_unsigned(file, keys, competition=signed_for(competition))
 
 
 def adjusted_by_stewards(

@@ -41,6 +41,13 @@ def register(commands: Any) -> None:
         "--comment", default="", metavar="TEXT", help="comment to sign along; default: the file's name"
     )
     parser.add_argument(
+        "--competition",
+        default="",
+        metavar="ID",
+        help="sign for this competition alone, as the id in its competition.yaml: one that names your key "
+        "there takes nothing that is signed for another, or for none",
+    )
+    parser.add_argument(
         "--password",
         action="store_true",
         help="ask for a password on the terminal, and encrypt the new key with it",
@@ -83,13 +90,17 @@ def _signed_files(path: Path) -> list[Path]:
 
 def _signature(file: Path, arguments: argparse.Namespace) -> bytes:
     if file.name not in (RUNS, JOURNAL):
-        return sign_result(file, arguments.key, comment=arguments.comment, password=_password)
+        return sign_result(file, arguments.key, **_words(arguments))
     rules = load_description(file.parent, hint="it needs batch.json, which 'batch' writes").rule_set
     for row, _ in checked_rows(file.parent, file.name):
         refuse_other_rules(row, rules, file.parent)
     if file.name == RUNS:
         check_index(file.parent, (row for row, _ in read_rows(file)))
-    return sign_file(file, arguments.key, comment=arguments.comment, password=_password)
+    return sign_file(file, arguments.key, **_words(arguments))
+
+
+def _words(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {"comment": arguments.comment, "competition": arguments.competition, "password": _password}
 
 
 def _put(file: Path, signature: bytes) -> None:

@@ -34,6 +34,7 @@ __all__ = [
     "TrialPlan",
     "load_competition",
     "registry_for",
+    "signed_for",
     "signers_of",
     "stored_results",
     "work_by_of",
@@ -142,6 +143,11 @@ class Competition:
 def signers_of(competition: Competition, rules: Authority) -> tuple[str, ...]:
     """Whose signature what is stored of a competition must have: as it says, else as its rules do."""
     return competition.signed_by or rules.signed_by
+
+
+def signed_for(competition: Competition) -> str:
+    """For which competition what is stored must be signed: for this one, where it names the keys itself."""
+    return competition.id if competition.signed_by else ""
 
 
 def work_by_of(competition: Competition, rules: Authority) -> str:

@@ -10,7 +10,7 @@ from ariac_score.checks.registry import Registry, package_sha256
 from ariac_score.engine.price import reprice
 from ariac_score.engine.score import score_trial
 from ariac_score.errors import PluginError, ResultError, ScoreError
-from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for, work_by_of
+from ariac_score.ranking.competition import Competition, Run, RunKey, registry_for, signed_for, work_by_of
 from ariac_score.results.result import Code, Pinned, Result
 from ariac_score.results.result_file import (
     check_follows,
@@ -79,7 +79,7 @@ def score_runs(
         also = [c for c in (configs.get(("trial", run.trial)), configs.get(("team", run.team))) if c]
         try:
             if _is_stored(run):
-                refuse_unsigned(run.path, signed_by)
+                refuse_unsigned(run.path, signed_by, competition=signed_for(competition))
                 stored = _stored(run)
                 if signed_by and not stored.measured.team:  # its signature would fit in any team's folder
                     raise ResultError(

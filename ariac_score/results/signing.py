@@ -43,6 +43,8 @@ _LARGEST_SIGNATURE_BYTES = 16_384
 LARGEST_SIGNED_BYTES = 1 << 30
 """The tables of a batch are larger than any result."""
 _MOST_COMMENT_CHARS = 1000
+_FOR = "competition:"
+"""How the comment begins of what is signed for one competition; the comment is signed, too."""
 _PRIVATE = 0o600
 
 
@@ -57,6 +59,16 @@ class Signed:
 
     key_id: str
     comment: str
+
+    @property
+    def competition(self) -> str:
+        """For which competition it is signed, which the comment states; empty for none.
+
+        >>> Signed("1A", "competition:cup_2026 file:kit_1.json").competition
+        'cup_2026'
+        """
+        first = self.comment.partition(" ")[0]
+        return first.removeprefix(_FOR) if first.startswith(_FOR) else ""
 
 
 def signature_file(result: Path) -> Path:
@@ -108,7 +120,14 @@ def _write(file: Path, content: bytes, mode: int) -> None:
         out.write(content)
 
 
-def sign_result(result: Path, key: Path, *, comment: str = "", password: Callable[[], str] = str) -> bytes:
+def sign_result(
+    result: Path,
+    key: Path,
+    *,
+    comment: str = "",
+    competition: str = "",
+    password: Callable[[], str] = str,
+) -> bytes:
     """The signature of a result; the same result, key and comment give the same bytes.
 
     Args:
@@ -116,6 +135,8 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
             file of decisions.
         key: The secret key.
         comment: The signer's comment; by default the name of the file. It is signed too.
+        competition: The id of the competition that it is signed for, which the comment then states; one
+            that names its keys takes no result that is signed for another, or for none.
         password: Called for the password of an encrypted key.
 
     Raises:
@@ -123,10 +144,17 @@ def sign_result(result: Path, key: Path, *, comment: str = "", password: Callabl
         UsageError: The key cannot be used, or others may read it.
     """
     _refuse_damaged(result)
-    return sign_file(result, key, comment=comment, password=password)
+    return sign_file(result, key, comment=comment, competition=competition, password=password)
 
 
-def sign_file(file: Path, key: Path, *, comment: str = "", password: Callable[[], str] = str) -> bytes:
+def sign_file(
+    file: Path,
+    key: Path,
+    *,
+    comment: str = "",
+    competition: str = "",
+    password: Callable[[], str] = str,
+) -> bytes:
     """The signature of a file whose content the caller has checked; otherwise as `sign_result`.
 
     Raises:
@@ -134,6 +162,10 @@ def sign_file(file: Path, key: Path, *, comment: str = "", password: Callable[[]
     """
     library = _library()
     words = comment or f"file:{file.name}"
+    if comment.startswith(_FOR):
+        raise UsageError(f"a comment that begins with {_FOR!r} names one", hint="sign --competition ID")
+    if competition and (not competition.isascii() or not competition.isprintable() or " " in competition):
+        raise UsageError(f"{competition!r} is no id of a competition", hint="'id:' of competition.yaml")
     if not words.isascii() or not words.isprintable() or len(words) > _MOST_COMMENT_CHARS:
         if comment:
             raise UsageError(
@@ -141,6 +173,7 @@ def sign_file(file: Path, key: Path, *, comment: str = "", password: Callable[[]
                 hint="shorten it, or leave it out",
             )
         words = "file: a name that is not plain"
+    words = f"{_FOR}{competition} {words}" if competition else words
     secret = _secret_key(library, key)
     try:
         if secret.is_encrypted():
@@ -305,16 +338,25 @@ def _id_of(encoded: bytes) -> str:
 
 
 def check_signature(
-    result: Path, public_key: str | Sequence[str], signature: Path | None = None
+    result: Path,
+    public_key: str | Sequence[str],
+    signature: Path | None = None,
+    *,
+    competition: str = "",
 ) -> tuple[bool, str]:
     """Whether a result is signed by the owner of a key, or of one of several, and in words what was found.
+
+    Where a competition is given, it must be signed for that one.
 
     Raises:
         UsageError: A public key cannot be used.
     """
     try:
         signed = refuse_unsigned(
-            result, [public_key] if isinstance(public_key, str) else public_key, signature
+            result,
+            [public_key] if isinstance(public_key, str) else public_key,
+            signature,
+            competition=competition,
         )
     except ResultError as error:
         return False, str(error)
@@ -342,13 +384,16 @@ def keys_asked_for(configured: Sequence[str], given: str) -> tuple[str, ...]:
     return (key,)
 
 
-def refuse_unsigned(file: Path, keys: Sequence[str], signature: Path | None = None) -> Signed | None:
+def refuse_unsigned(
+    file: Path, keys: Sequence[str], signature: Path | None = None, *, competition: str = ""
+) -> Signed | None:
     """Refuse a file that no owner of one of the keys vouches for.
 
     Args:
         file: Any file.
         keys: The keys; without any, everything passes.
         signature: Its signature; by default next to it.
+        competition: For which competition it must be signed; empty where none is asked for.
 
     Returns:
         The signature that holds; `None` where no key is asked for.
@@ -360,12 +405,31 @@ def refuse_unsigned(file: Path, keys: Sequence[str], signature: Path | None = No
     refused: ResultError | None = None
     for key in keys:
         try:
-            return verify_signature(file, key, signature)
+            signed = verify_signature(file, key, signature)
         except ResultError as error:
             refused = refused or error
+            continue
+        _refuse_other_competition(signed, file, competition)
+        return signed
     if refused is not None:
         raise refused
     return None
+
+
+def _refuse_other_competition(signed: Signed, file: Path, competition: str) -> None:
+    """A key that is used for several cups vouches for each result in one of them alone.
+
+    Raises:
+        ResultError: It is signed for another competition, or for none.
+    """
+    if not competition or signed.competition == competition:
+        return
+    whose = f"for the competition {signed.competition}" if signed.competition else "for no competition"
+    raise ResultError(
+        f"it is signed {whose}, and this is {competition}",
+        file=file,
+        hint=f"the organiser signs it with 'sign --competition {competition}', if it is of this one",
+    )
 
 
 def _library() -> Any:

@@ -29,7 +29,7 @@ from ariac_score.errors import (
     ResultError,
     ScoreError,
 )
-from ariac_score.ranking.competition import Competition, registry_for
+from ariac_score.ranking.competition import Competition, registry_for, signed_for
 from ariac_score.results.adjustments import adjust, load_adjustments
 from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.cohort_file import load_cohort
@@ -102,7 +102,8 @@ def verify_result(
     competition = None if log is None else competition_at(log, result.provenance.rule_set.id)
     root = _root_of(rules, competition, result)
     keys = keys_asked_for(_organiser(competition, root), public_key)
-    signed = _signed(path, keys, signature)
+    bound = "" if competition is None else signed_for(competition)
+    signed = _signed(path, keys, signature, bound)
     steps = [*_by_itself(result, text, data["schema"]), _rules(result, root)]
     steps.append(_code(result, files_run=local_plugins and log is not None, with_log=log is not None))
     decided = adjustments or (competition.adjustments if competition is not None else None)
@@ -111,7 +112,7 @@ def verify_result(
     if result.adjusted is not None or adjustments is not None:
         steps.append(_adjustments(result, decided))
         if decided is not None and result.adjusted is not None and keys:
-            holds, reason = check_signature(decided, keys)
+            holds, reason = check_signature(decided, keys, competition=bound)
             steps.append(Step("decisions", OK if holds else FAILED, reason))
     if result.cohort.values and competition is None:
         steps.append(_cohort(result, cohort))
@@ -181,10 +182,10 @@ def _organiser(competition: Competition | None, root: _Root | None) -> tuple[str
     return own if competition is None else competition.signed_by or own
 
 
-def _signed(path: Path, keys: Sequence[str], signature: Path | None) -> list[Step]:
+def _signed(path: Path, keys: Sequence[str], signature: Path | None, competition: str = "") -> list[Step]:
     if not keys:
         return []
-    holds, reason = check_signature(path, keys, signature)
+    holds, reason = check_signature(path, keys, signature, competition=competition)
     return [Step("signature", OK if holds else FAILED, reason)]
 
 

@@ -13,7 +13,7 @@ from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import CutOffError, ScoreError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences as from_organisers
-from ariac_score.ranking.competition import Competition, RunKey, load_competition, signers_of
+from ariac_score.ranking.competition import Competition, RunKey, load_competition, signed_for, signers_of
 from ariac_score.ranking.evaluation import Evaluation, strict_evaluation
 from ariac_score.ranking.publication import PUBLICATION, Publication, load_publication, ranking_json
 from ariac_score.ranking.rank import TeamRank, rank_results
@@ -85,7 +85,9 @@ def verify_ranking(
     decisions = None if decided is None else load_adjustments(decided)
     steps += _decided(publication, decisions)
     if decided is not None and keys:
-        holds, reason = check_signature(decided, keys)
+        holds, reason = check_signature(
+            decided, keys, competition="" if competition is None else signed_for(competition)
+        )
         steps.append(Step("decisions", OK if holds else FAILED, reason))
     if competition is None or rule_set is None:
         words = _NO_LOGS if competition is None else "without its rules nothing can be computed again"

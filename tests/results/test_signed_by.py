@@ -41,7 +41,7 @@ def key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def sign(*files: str, key: str = "organiser.key") -> None:
-    assert main(["sign", *files, "--key", key]) == 0
+    assert main(["sign", *files, "--key", key, "--competition", "cup"]) == 0
 
 
 def competition(runs: str, more: str = "") -> None:
@@ -269,7 +269,8 @@ def test_what_minisign_signed_counts_and_what_it_refuses_does_not(
     theirs = Path("their.pub").read_text(encoding="ascii").splitlines()[1]
     stored(log_text, "a/kit_1.json")
     competition("{team}/{trial}_{run}.json", f"authority: {{signed_by: [{theirs}]}}")
-    assert run("-S", "-s", "their.key", "-m", "a/kit_1.json") == 0
+    words = "competition:cup file:kit_1.json"
+    assert run("-S", "-s", "their.key", "-m", "a/kit_1.json", "-t", words) == 0
     assert main(["rank", "."]) == 0
 
     result, signature = Path("a/kit_1.json"), Path("a/kit_1.json.minisig")
@@ -295,3 +296,26 @@ def test_a_signed_result_that_names_no_team_counts_for_none(key: str, log_text: 
     sign("a/kit_1.json")
 
     assert main(["rank", "."]) == 6
+
+
+@pytest.mark.parametrize(("of", "code"), [("cup", 0), ("cup_2025", 6), ("", 6)])
+def test_a_result_that_is_signed_for_another_cup_is_not_ranked_in_this_one(
+    key: str, log_text: str, of: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored(log_text, "a/kit_1.json")
+    competition("{team}/{trial}_{run}.json", f"authority: {{signed_by: [{key}]}}")
+    named = ["--competition", of] if of else []
+    assert main(["sign", "a/kit_1.json", "--key", "organiser.key", *named]) == 0
+    capsys.readouterr()
+
+    assert main(["rank", "."]) == code
+    whose = f"for the competition {of}" if of else "for no competition"
+    assert (f"it is signed {whose}, and this is cup" in "".join(capsys.readouterr())) is (code == 6)
+
+
+def test_a_comment_cannot_say_for_which_competition_a_result_is_signed(key: str) -> None:
+    Path("table").write_text("x", encoding="utf-8")
+    with pytest.raises(UsageError, match="--competition"):
+        sign_file(Path("table"), Path("organiser.key"), comment="competition:cup")
+    with pytest.raises(UsageError, match="no id of a competition"):
+        sign_file(Path("table"), Path("organiser.key"), competition="two words")

@@ -304,7 +304,7 @@ def _draw_work(world: World, rng: Random) -> Situation:
 
 
 def _again(world: World, rng: Random, count: int, *, events: int = 0) -> tuple[Violation, ...]:
-    """One short violation again and again, the pauses too long to be bridged; `events` single ones, if given."""
+    """One short violation again and again, the pauses too long to be bridged; of events as many as given."""
     first = replace(draw_violation(world, rng), critical=False)
     length = 0 if first.check in world.events else 1
     if events and not length:  # which nothing joins, however close they are
