@@ -99,7 +99,7 @@ def check_laws(
         bridged: Below which pause each of these makes one of two violations, s (`bridged_pauses`).
         ungraded: The checks whose violations have no depth (`ungraded_checks`).
         humans: The checks about humans, and whether they charge a machine at rest (`about_humans`).
-        paid: The quantities of rules that say what work earned (`paid_quantities`).
+        paid: The quantities of official records that say what work earned (`paid_quantities`).
         only: Names of the laws to try; empty: all.
         steps: How many tries a counter-example is reduced by, which take time.
         draw: What the next case is; any that the law may be tried in, where nothing is given.
@@ -153,7 +153,7 @@ def ungraded_checks(rule_set: RuleSet, registry: Registry) -> frozenset[str]:
 
 
 def paid_quantities(rule_set: RuleSet, registry: Registry) -> dict[str, frozenset[str]]:
-    """For each rule the quantities that say what work earned, as a printed score does.
+    """For each rule that reads an official record the quantities that say what work earned.
 
     Raises:
         PluginError: A plugin of the rule set is not installed or broken.
@@ -164,7 +164,7 @@ def paid_quantities(rule_set: RuleSet, registry: Registry) -> dict[str, frozense
             quantity for quantity, measure in measures_of(check).items() if measure.role == "points"
         )
         for name, check in rule_set.build(registry).items()
-        if not isinstance(check, Monitor)
+        if not isinstance(check, Monitor) and getattr(check, "reads_official", False)
     }
     return {name: quantities for name, quantities in found.items() if quantities}
 
