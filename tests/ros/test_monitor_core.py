@@ -166,6 +166,43 @@ def test_what_does_not_fit_into_the_queue_is_dropped_by_name_in_its_place() -> N
     assert [one["time"] for one in cell.events] == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
+def test_who_ends_lets_nothing_pass_that_nobody_was_asked_about() -> None:
+    cell = Cell()
+    passed: list[int] = []
+    queue = Queue(cell.monitor, 10, True, SimpleNamespace(write=cell.events.append))
+    queue.put({"topic": "/x", "time": 0.0}, lambda: passed.append(0))
+    queue.end(10)
+    taken = queue.put({"topic": "/x", "time": 1.0}, lambda: passed.append(1))
+
+    assert (taken, passed, queue.dropped) == (False, [0], 0)
+    assert [one["time"] for one in cell.link.asked] == [0.0]
+
+
+def test_what_still_waits_in_the_end_is_written_down_and_counted_and_does_not_pass() -> None:
+    cell = Cell()
+    passed: list[int] = []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def never(_: str) -> str:
+        begun.set()
+        assert go_on.wait(10)
+        raise LostError("the link was ended")
+
+    cell.link.ask = never  # type: ignore[method-assign]
+    queue = Queue(cell.monitor, 2, True, SimpleNamespace(write=cell.events.append))
+    for n in range(4):  # one is asked about, two wait, one does not fit
+        queue.put({"topic": "/x", "time": float(n)}, lambda n=n: passed.append(n) if n < 3 else None)
+        assert begun.wait(10)
+    queue.end(0.0)
+    go_on.set()
+    queue.join(10)
+    cell.monitor.close()
+
+    assert passed == []
+    assert sorted(one["time"] for one in cell.events) == [0.0, 1.0, 2.0, 3.0]
+    assert cell.status[-1] == {**cell.status[-1], "status": "stopped", "unseen": 4, "unseen_at_the_end": 4}
+
+
 def test_logs_have_a_limit_and_the_oldest_part_is_deleted(tmp_path: Path) -> None:
     file = tmp_path / "cell.jsonl"
     log = Log(str(file), 10, 2)  # a row has 9 bytes with its end

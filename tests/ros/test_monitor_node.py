@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ sys.path.insert(0, str(REPOSITORY / "ros/ariac_score_monitor/src"))
 from ariac_score_monitor.node import Node  # noqa: E402
 from ariac_score_monitor.plan import Plan  # noqa: E402
 from robot_os import generate_messages, need_ros1, robot_os  # noqa: E402
+from websockets.exceptions import ConnectionClosed  # noqa: E402
+from websockets.sync.server import ServerConnection, serve  # noqa: E402
 
 from ariac_score.logs.rosmonitoring import UNSEEN  # noqa: E402
 
@@ -146,6 +149,48 @@ def test_an_oracle_that_was_killed_is_asked_again_and_the_hole_is_recorded(tmp_p
     assert connection["verdicts"]["currently_false"] == 1
 
 
+@pytest.mark.parametrize("declared", ["open", "closed"])
+def test_an_answer_that_comes_too_late_is_none_and_is_not_taken_for_the_next(
+    tmp_path: Path, declared: str
+) -> None:
+    may_answer, asked = threading.Event(), []
+
+    def answers(client: ServerConnection) -> None:
+        for text in client:
+            event = json.loads(text)
+            asked.append((event["topic"], event["time"]))
+            if event["time"] == 2.0 and event["topic"] == "/snapshot":
+                assert may_answer.wait(TIMEOUT_S)
+                verdict = "currently_true"  # for whoever still listens
+            else:
+                verdict = "currently_false" if event["time"] == 3.0 else "currently_true"
+            try:
+                client.send(json.dumps({**event, "verdict": verdict}))
+            except ConnectionClosed:
+                return
+
+    passed: list[float] = []
+    with serve(answers, "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        port = server.socket.getsockname()[1]
+        node = Node(Plan(plan(port, without_oracle=declared, timeout_s=0.5)), str(tmp_path))
+        for time_s in (1.0, 2.0):
+            node.put(snapshot(time_s), lambda time_s=time_s: passed.append(time_s))
+        until(lambda: sum(node._monitor.counts[key] for key in ("answered", "unseen")) == 2, "both are over")
+        may_answer.set()
+        until(lambda: node._link.is_there, "connected again")
+        node.put(snapshot(3.0), lambda: passed.append(3.0))
+        until(lambda: node.verdict == "currently_false", "its own answer")
+        node.end()
+
+    assert passed == ([1.0, 2.0] if declared == "open" else [1.0])
+    assert asked == [("/snapshot", 1.0), ("/snapshot", 2.0), (UNSEEN, 3.0), ("/snapshot", 3.0)]
+    status = rows(tmp_path / "cell.status.jsonl")
+    (hole,) = (row for row in status if row["status"] == "unseen")
+    assert (hole["events"], hole["why"]) == (1, "no answer within 0.5 s")
+    assert (status[-1]["answered"], status[-1]["unseen"]) == (2, 1)
+
+
 def test_with_a_token_the_node_brings_it(tmp_path: Path) -> None:
     port, token = free_port(), tmp_path / "token"
     token.write_text(TOKEN)
@@ -194,7 +239,9 @@ def test_on_a_real_ros_verdicts_go_on_after_the_oracle_was_killed(
     sender.write_text(SENDER)
     port = free_port()
     watched = {"name": "/level", "type": "std_msgs/Int32", "to": "/level_checked"}
-    (tmp_path / "plan.json").write_text(json.dumps(plan(port, topics=[watched], without_oracle=declared)))
+    # An oracle that answers late is none, and `open` lets pass: a slow machine must not look like that.
+    given = plan(port, topics=[watched], without_oracle=declared, timeout_s=TIMEOUT_S)
+    (tmp_path / "plan.json").write_text(json.dumps(given))
     by = ("--spec", str(spec), "--after-violation", "resume")
     with robot_os(tmp_path, messages) as ros:
         ros.environment["PYTHONPATH"] += f":{REPOSITORY / 'ros/ariac_score_monitor/src'}"

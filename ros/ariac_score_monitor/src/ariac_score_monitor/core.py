@@ -174,6 +174,7 @@ class Queue(object):
     def __init__(self, monitor, most, passes, written):
         self._monitor, self._most, self._passes, self._written = monitor, most, passes, written
         self._waiting, self._changed, self._ending = deque(), threading.Condition(), False
+        self._over = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._ask, daemon=True)
         self._thread.start()
@@ -181,7 +182,10 @@ class Queue(object):
     def put(self, event, forward=None):
         """Take an event; `forward` is called when its message may pass. Whether there was room."""
         with self._changed:
-            if len(self._waiting) < self._most and not self._ending:
+            if self._ending:
+                # Whoever ends watches nothing more, and lets nothing pass that nobody asked about.
+                return False
+            if len(self._waiting) < self._most:
                 self._waiting.append((event, forward))
                 self._changed.notify()
                 return True
@@ -196,11 +200,28 @@ class Queue(object):
         return False
 
     def end(self, limit_s):
-        """Ask about what waits, and end."""
+        """Ask about what waits, for so long, and end; the rest is written down, and was not seen."""
         with self._changed:
             self._ending = True
             self._changed.notify()
         self._thread.join(limit_s)
+        with self._changed:
+            self._over = True
+            left = list(self._waiting)
+            self._waiting.clear()
+        for event, forward in left:
+            self._miss(
+                [event] if event is not None else forward, "the monitor ended before it was asked about"
+            )
+
+    def join(self, limit_s):
+        """Wait for the question that is being asked, for so long."""
+        self._thread.join(limit_s)
+
+    def _miss(self, events, why):
+        for event in events:
+            self._written.write(event)
+            self._monitor.miss(why)
 
     def _ask(self):
         while True:
@@ -211,10 +232,8 @@ class Queue(object):
                     return
                 event, forward = self._waiting.popleft()
             if event is None:
-                for dropped in forward:
-                    self._written.write(dropped)
-                    self._monitor.miss("more messages came than could be asked about")
-            elif self._monitor.take(event, forward is not None) and forward is not None:
+                self._miss(forward, "more messages came than could be asked about")
+            elif self._monitor.take(event, forward is not None) and forward is not None and not self._over:
                 forward()
 
 

@@ -54,7 +54,8 @@ class Node(object):
     def end(self):
         """Ask about what waits, and end."""
         self._queue.end(2 * self._timeout_s)
+        self._link.end()  # breaks off what is being asked
+        self._queue.join(self._timeout_s)
         self._monitor.close()
-        self._link.end()
         for log in self._logs:
             log.close()
