@@ -163,6 +163,7 @@ class _Shown:
         self._arguments, self._pids, self._ends = arguments, dict(pids), ends
         self._codes: list[int] = []
         self._stopped = asyncio.Event()
+        self._server: asyncio.Server | None = None
         self._screen: Screen | None = None
         self._publisher: Publisher | None = None
 
@@ -172,7 +173,6 @@ class _Shown:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop)
         say = partial(note, arguments)
-        server = None
         try:
             if arguments.publish:
                 self._publisher = Publisher(*arguments.publish)
@@ -180,26 +180,31 @@ class _Shown:
             if listener is not None:
                 port = int(listener.getsockname()[1])
                 self._screen = Screen(tuple(self._ends), guard, port, note=say)
-                server = await self._screen.serve(listener)
+                self._server = await self._screen.serve(listener)
                 host = arguments.serve[0] or "0.0.0.0"  # noqa: S104  # it was asked for
                 with_token = "/?token=…" if guard.token else "/"
                 say(f"screen: http://{f'[{host}]' if ':' in host else host}:{port}{with_token}")
             for end in self._ends.values():
                 loop.add_reader(end.fileno(), self._take, end)
             await self._all_over()
-            if server is not None and not self._stopped.is_set():
+            if self._server is not None and not self._stopped.is_set():
                 say("all is over; the screen stays until Ctrl-C")
                 with suppress(TimeoutError):
                     await asyncio.wait_for(self._stopped.wait(), arguments.linger_s)
         finally:
             self._tell(signal.SIGTERM)
-            if self._screen is not None:
-                await self._screen.close()
-            if server is not None:
-                server.close()
-            if self._publisher is not None:
-                self._publisher.close()
+            self._let_all_go()
         return max(self._codes, default=0)
+
+    def _let_all_go(self) -> None:
+        """Show nothing more: what cells still do does not share a processor with those who look on."""
+        if self._server is not None:
+            self._server.close()
+        if self._screen is not None:
+            self._screen.close()
+        if self._publisher is not None:
+            self._publisher.close()
+        self._server = self._screen = self._publisher = None
 
     async def _all_over(self) -> None:
         """Wait for every cell; those that do not end when they are told to are ended."""
@@ -241,6 +246,7 @@ class _Shown:
     def _stop(self) -> None:
         self._tell(signal.SIGKILL if self._stopped.is_set() else signal.SIGINT)
         self._stopped.set()
+        self._let_all_go()
 
     def _tell(self, number: int) -> None:
         for pid in self._pids:

@@ -239,8 +239,12 @@ def _is_open(client: socket.socket) -> bool:
     return not closed
 
 
-def _interrupted(out: Path, clients: int, *arguments: str, events: int = 1) -> float:
-    """How long the command takes to end by an interrupt while so many are connected, s."""
+WAITS_S = 0.7
+"""How long an oracle that ends waits for clients at most, s: to close, to be closed, and to look again."""
+
+
+def _interrupted(out: Path, clients: int, *arguments: str, events: int = 1) -> tuple[float, float]:
+    """How long the command takes to end by an interrupt while so many are connected; of a processor, s."""
     command = [sys.executable, "-m", "ariac_score.cli", "oracle", "--rules", "paper2020", "--port", "0"]
     with (
         subprocess.Popen(
@@ -257,18 +261,21 @@ def _interrupted(out: Path, clients: int, *arguments: str, events: int = 1) -> f
             client = websocket.create_connection(url, timeout=TIMEOUT_S)
             end.callback(client.shutdown)
             assert all(is_answered(client) for _ in range(events))
-        begun_s = time.monotonic()
+        ticks = Path(f"/proc/{process.pid}/stat").read_text().rpartition(") ")[2].split()[11:13]
+        began_s, before_s = time.monotonic(), sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+        threading.Timer(60.0, process.kill).start()
         os.kill(process.pid, signal.SIGINT)
-        process.communicate(timeout=60)
-        took_s = time.monotonic() - begun_s
+        _, status, used = os.wait4(process.pid, 0)
+        took_s = time.monotonic() - began_s
+        process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0
-    return took_s
+    return took_s, used.ru_utime + used.ru_stime - before_s
 
 
 @pytest.mark.parametrize("events", [0, 1])
 def test_an_interrupt_ends_it_within_two_seconds_whoever_is_connected(tmp_path: Path, events: int) -> None:
     out = tmp_path / "out"
-    took_s = _interrupted(out, 326, events=events)
+    took_s, processor_s = _interrupted(out, 326, events=events)
 
     connections = json.loads((out / "oracle.json").read_text())["connections"]
     assert len(connections) == 326
@@ -277,8 +284,8 @@ def test_an_interrupt_ends_it_within_two_seconds_whoever_is_connected(tmp_path: 
         left = [one for one in connections if one["not_scored"].startswith("left for later")]
         assert left
         assert len(left) + len([*out.glob("*.findings.json")]) == 326
-    # On a machine that has other things to do, one client shows what two seconds come to.
-    assert took_s < 2.0 or took_s < 2.0 * _interrupted(tmp_path / "one", 1)
+    # On a machine that has other things to do: what it works, and what it waits for clients.
+    assert min(took_s, processor_s + WAITS_S) < 2.0
 
 
 def test_without_an_end_every_log_is_scored(tmp_path: Path) -> None:
@@ -329,6 +336,9 @@ def test_a_message_in_pieces_without_end_is_ended_at_the_limit(running: Running)
     with suppress(OSError, websocket.WebSocketException):
         for _ in range(1_000):
             client.send_frame(abnf(0, 0, 0, 0, abnf.OPCODE_CONT, 1, b" " * 1_000))
+    with suppress(OSError, websocket.WebSocketException):
+        while client.recv():  # until it has closed
+            pass
     client.shutdown()
     oracle.stop()
 

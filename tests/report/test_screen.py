@@ -146,8 +146,8 @@ def _served(
         try:
             await asyncio.wait_for(serve(screen, port), 60)
         finally:
-            await asyncio.wait_for(screen.close(), 2)
             server.close()
+            screen.close()
 
     # In a thread of its own: a browser that other tests of this process drive keeps a loop running here.
     with ThreadPoolExecutor(1) as pool:

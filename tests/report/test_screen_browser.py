@@ -33,8 +33,8 @@ def served() -> Iterator[tuple[int, Show]]:
         held.append((asyncio.get_running_loop(), over, screen))
         begun.set()
         await over.wait()
-        await screen.close()
         server.close()
+        screen.close()
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()), daemon=True)
     thread.start()

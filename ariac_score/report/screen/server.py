@@ -73,11 +73,10 @@ class Screen:
         listener.setblocking(False)
         return await asyncio.start_server(self._answer, sock=listener, limit=_MOST_HEADER_BYTES)
 
-    async def close(self) -> None:
-        """Let all viewers go."""
+    def close(self) -> None:
+        """Let all viewers go; none is waited for."""
         for task in list(self._tasks):
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
