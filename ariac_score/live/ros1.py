@@ -9,6 +9,7 @@ Source: wiki.ros.org, Master API, Slave API and TCPROS.
 from __future__ import annotations
 
 import http.client
+import secrets
 import socket
 import struct
 import threading
@@ -26,7 +27,9 @@ from ariac_score.logs.containers.items import Connection
 __all__ = ["Ros1Source"]
 
 _PORT = 11311
-_NAME = "/ariac_score_watch"
+_NAME = "/ariac_score_watch_"
+"""What a referee is called begins so. A publisher hangs up on whom it knows by a name when one more of that
+name comes: each has one of its own, which nobody guesses."""
 _POLL_S = 0.1
 _AGAIN_S = 0.5
 _ANSWER_S = 3.0
@@ -67,6 +70,7 @@ class Ros1Source(DialledSource):
     def __init__(self, address: str) -> None:
         super().__init__(address)
         self._host, self._port = host_and_port(address, _PORT, _USAGE)
+        self.name = _NAME + secrets.token_hex(8)
         self._lock = threading.Lock()
 
     def dial(self) -> _Graph:
@@ -120,7 +124,7 @@ class Ros1Source(DialledSource):
         """
         with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as server:
             try:
-                code, text, value = getattr(server, method)(_NAME, *arguments)
+                code, text, value = getattr(server, method)(self.name, *arguments)
             except OSError as error:
                 raise GoneError(_why(error)) from None
             except (xmlrpc.client.Error, http.client.HTTPException, ValueError, TypeError) as error:
@@ -216,7 +220,8 @@ class _Link:
         with socket.create_connection((str(answer[1]), int(answer[2])), _ANSWER_S) as one:
             self._socket = one
             _keep_alive(one)
-            one.sendall(_header(callerid=_NAME, topic=self._topic, md5sum="*", type="*", tcp_nodelay="1"))
+            asked = {"callerid": source.name, "topic": self._topic, "md5sum": "*", "type": "*"}
+            one.sendall(_header(**asked, tcp_nodelay="1"))
             with one.makefile("rb", buffering=1 << 16) as stream:
                 header = _fields(_read(stream, _LONGEST_HEADER))
                 if "error" in header:

@@ -25,6 +25,8 @@ from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescr
 from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
+from ariac_score.logs.gather.clocks import LARGEST_CLOCK_DIFFERENCE_S
+from ariac_score.logs.gather.collected_columns import by_header, clock_key
 from ariac_score.logs.gather.collector import Collector, MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
@@ -377,6 +379,28 @@ class _EventCollector(Collector):
         intakes = [intake for intake in self._intakes if intake.accepts(connection)]
         if intakes:
             self._routes[connection] = MessageRoute(intakes, _unchanged, None)
+
+    def _stamped(self, channel: Channel) -> Channel:
+        return channel if channel.poses == "frames" else super()._stamped(channel)
+
+    def _stamp_ns(self, item: Message, number: int, message: object, channel: Channel) -> int:
+        """The time of the event, but of a transform its own, where that is on the same clock.
+
+        An event has the time of its message's header. A message of transforms has none: each has its own.
+        """
+        own_ns = _own_stamp_ns(message) if by_header(channel) else None
+        if own_ns is not None and abs(own_ns - item.stamp_ns) <= LARGEST_CLOCK_DIFFERENCE_S * 1e9:
+            return self._clocks.stamp_ns(clock_key(channel), number, own_ns, item.stamp_ns)
+        self._clocks.without_header(clock_key(channel), 1, declared=channel.stamp == "log")
+        return item.stamp_ns
+
+
+def _own_stamp_ns(message: object) -> int | None:
+    """The stamp in the header of a message, of ROS 1 or ROS 2, ns; `None` where there is none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    whole = getattr(stamp, "secs", getattr(stamp, "sec", None))
+    part = getattr(stamp, "nsecs", getattr(stamp, "nanosec", None))
+    return whole * 10**9 + part if isinstance(whole, int) and isinstance(part, int) else None
 
 
 def _unchanged(payload: Any) -> Any:

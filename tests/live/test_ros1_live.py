@@ -131,6 +131,21 @@ def test_one_that_leaves_in_order_is_no_loss_and_one_that_is_killed_is(
     assert {i.message.connection for i in again if isinstance(i, Received)} == {connection}
 
 
+def test_two_referees_of_one_cell_do_not_hinder_each_other(ros: RobotOs, source: LiveSource) -> None:
+    """A publisher hangs up on whom it knows by a name when one more of that name comes."""
+    other = source_at(f"ros1://127.0.0.1:{ros.port}")
+    try:
+        for one in (source, other):
+            one.open(frozenset({"/points"}))
+        ros.python(TALKER, "steady", "steady")
+        for one in (source, other) * 3:
+            items = heard(one, is_message, 40)
+            assert [item for item in items if isinstance(item, Lost)] == []
+            assert len(announced(items)) <= 1
+    finally:
+        other.close()
+
+
 def test_a_topic_that_changes_its_type_is_two_connections(ros: RobotOs, source: LiveSource) -> None:
     source.open(None)
     for mode in ("text", "number"):

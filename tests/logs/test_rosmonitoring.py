@@ -23,7 +23,7 @@ from ariac_score.logs.rosmonitoring import (
     stamp_s,
 )
 from ariac_score.testing import write_bag, write_event_log
-from ariac_score.trial.channels import Channel, FieldMap
+from ariac_score.trial.channels import BodyMatch, Channel, FieldMap
 from ariac_score_ariac.messages import NistGear2020
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
@@ -108,6 +108,56 @@ def test_wall_clock_stamps_count_from_the_first(tmp_path: Path) -> None:
 
     assert str(result.score) == "19.761677"
     assert result.measured.clock == f"wall-clock time, origin {ORIGIN_NS} ns"
+
+
+FRAMES = Wanted(
+    LogMap(
+        "frames",
+        channels=(Channel("/tf", "tf2_msgs/msg/TFMessage", poses="frames"),),
+        frames=(BodyMatch("a", "robot", body="a"),),
+    ),
+    frozenset({"position"}),
+    {},
+)
+
+
+def _transform(time_s: float, stamp: dict[str, int], x_m: float) -> dict[str, Any]:
+    placed = {
+        "header": {"seq": 0, "stamp": stamp, "frame_id": "world"},
+        "child_frame_id": "a",
+        "transform": {
+            "translation": {"x": x_m, "y": 0.0, "z": 0.0},
+            "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        },
+    }
+    return {"topic": "/tf", "transforms": [placed], "time": time_s}
+
+
+@pytest.mark.parametrize(("whole", "part"), [("secs", "nsecs"), ("sec", "nanosec")])
+def test_a_transform_was_there_when_it_says_and_not_when_it_came(
+    tmp_path: Path, whole: str, part: str
+) -> None:
+    """Who takes a walk's steps for where they came would see a run: they come in bursts."""
+    came_s = (1_700_000_000.0, 1_700_000_000.5, 1_700_000_000.5001)
+    stamps = [{whole: 1_700_000_000, part: n * 250_000_000} for n in range(3)]
+    events = [_transform(at_s, stamp, n) for n, (at_s, stamp) in enumerate(zip(came_s, stamps, strict=True))]
+
+    trial = READER.read(_log(tmp_path / "x.jsonl", *events), FRAMES)
+
+    assert trial.signals["position/a"].t.tolist() == [0.0, 0.25, 0.5]
+
+
+@pytest.mark.parametrize(
+    "stamp", [{"secs": 0, "nsecs": 0}, {"secs": 12, "nsecs": 5}, {"secs": 1_700_000_061, "nsecs": 0}, {}]
+)
+def test_a_transform_of_another_clock_has_the_time_of_its_event(
+    tmp_path: Path, stamp: dict[str, int]
+) -> None:
+    events = [_transform(1_700_000_000.0 + n / 4, stamp, n) for n in range(3)]
+
+    trial = READER.read(_log(tmp_path / "x.jsonl", *events), FRAMES)
+
+    assert trial.signals["position/a"].t == pytest.approx([0.0, 0.25, 0.5], abs=1e-6)
 
 
 @pytest.mark.parametrize(
