@@ -102,7 +102,7 @@ def one_trial(ros: RobotOs, folder: Path, sources: dict[str, str]) -> dict[str, 
             screens[name], told[name] = said(watches[name], "screen: ").rpartition(" ")[2], []
             threading.Thread(target=states_of, args=(screens[name], told[name]), daemon=True).start()
         page = end.enter_context(browser_page(screens["direct"]))
-        recorder, cell = started(ros, folder / "trial")
+        recorder, cell = recording(ros, folder / "trial"), ros.python(HERE / "cell", "long")
         until(
             lambda: bool(told["direct"]) and told["direct"][-1][0] > APPROACHING_S, "the person comes nearer"
         )
@@ -162,7 +162,7 @@ def delays(record: Path, told: Sequence[tuple[float, float]]) -> list[float]:
 def wall(ros: RobotOs, folder: Path, sources: dict[str, str]) -> None:
     """Show a second trial on a wall: by both sources, by the bag that grows, and the first one again."""
     bag = folder / "second.bag.active"
-    recorder, cell = started(ros, folder / "second")
+    recorder = recording(ros, folder / "second")
     until(bag.exists, "the bag is written")
     cells = [*(f"{name}={source}" for name, source in sources.items()), f"bag={bag}"]
     cells += [f"yesterday=replay:{folder / 'direct.mcap'}"]
@@ -174,8 +174,9 @@ def wall(ros: RobotOs, folder: Path, sources: dict[str, str]) -> None:
             )
         )
         page = end.enter_context(browser_page(said(watch, "screen: ").rpartition(" ")[2]))
+        cell = ros.python(HERE / "cell", "long")
         seen(page, "Violated now")
-        time.sleep(1.0)
+        time.sleep(1.5)
         picture(page, folder / "4-wall.png")
         ros.run("/usr/bin/rosservice", "call", CALLED, SHIPMENT)
         assert ros.wait(cell, LIMIT_S) == 0, ros.said(cell)
@@ -189,15 +190,15 @@ def wall(ros: RobotOs, folder: Path, sources: dict[str, str]) -> None:
 # What runs ---------------------------------------------------------------------------------
 
 
-def started(ros: RobotOs, out: Path) -> tuple[subprocess.Popen[bytes], subprocess.Popen[bytes]]:
-    """The recorder that is shipped, with `rosbag`, and the cell."""
+def recording(ros: RobotOs, out: Path) -> subprocess.Popen[bytes]:
+    """The recorder that is shipped, with `rosbag`."""
     record = [PROGRAM, "record", "--rules", RULES, "-o", out.name, "--key", "organiser", "--forward", "--run"]
     if not (ros.folder / "organiser").exists():
         new = [PROGRAM, "sign", "--new-key", ros.folder / "organiser"]
         subprocess.run(new, input=b"\n", check=True, capture_output=True, timeout=LIMIT_S)
     recorder = ros.start(*record)
     ros.until(recorder, "recording ", LIMIT_S)
-    return recorder, ros.python(HERE / "cell", "long")
+    return recorder
 
 
 @contextmanager

@@ -230,7 +230,7 @@ class _Shown:
         try:
             state = end.recv_bytes()
             while end.poll():
-                state = end.recv_bytes()
+                state = end.recv_bytes() or state
         except (EOFError, OSError):
             asyncio.get_running_loop().remove_reader(end.fileno())
             end.close()

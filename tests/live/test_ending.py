@@ -10,10 +10,13 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from live_servers import until
 
 pytestmark = [
     pytest.mark.slow,
@@ -38,6 +41,13 @@ def processor_s(pid: int) -> float:
     """What a process has used, and what has ended below it, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
+def is_there(pid: int) -> bool:
+    """Whether a process runs: of one that has ended, and that nobody has asked about, little is left."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][0] not in "ZX"
+    return False
 
 
 def looks_on(port: int, number: int) -> socket.socket:
@@ -83,3 +93,16 @@ def test_an_interrupt_ends_a_watch_within_two_seconds_however_many_look_on(viewe
     assert process.returncode == 6  # of a trial that was cut off
     # On a machine that has other things to do: what it works, and what it waits for.
     assert min(took_s, used.ru_utime + used.ru_stime - before_s + WAITS_S) < 2.0
+
+
+def test_who_watches_ends_when_whoever_shows_it_is_killed_though_nothing_comes() -> None:
+    command = [sys.executable, "-m", "ariac_score.cli", "watch", f"replay:{EXAMPLE}?speed=0.000001"]
+    command += ["--rules", "paper2020", "--serve", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert any("0:00" in line for line in process.stderr)  # who watches has begun
+        watching = with_children(process.pid)[1:]
+        assert watching
+        process.kill()
+        process.wait(TIMEOUT_S)
+        until(lambda: not any(map(is_there, watching)), "all that it started have ended")

@@ -12,6 +12,8 @@ from ariac_score.report.screen.state import Showing
 __all__ = ["Feed"]
 
 _PERIOD_S = 0.1
+_ALIVE_EVERY = 10
+"""So many periods without news are followed by a word without content: else nobody finds out who is gone."""
 _END_S = 2.0
 
 
@@ -21,7 +23,7 @@ class Feed:
     Args:
         name: Of the cell.
         source: Its address.
-        send: Takes each state as JSON; it may block. Called on a thread of its own.
+        send: Takes each state as JSON, and nothing now and then; it may block. Called on a thread of its own.
 
     Attributes:
         gone: Called once when nobody takes them any more.
@@ -50,16 +52,22 @@ class Feed:
             self._thread.join(_END_S)
 
     def _run(self) -> None:
+        quiet = 0
         try:
             while not self._over.wait(_PERIOD_S):
-                self._send_latest()
+                quiet = 0 if self._send_latest() else quiet + 1
+                if quiet == _ALIVE_EVERY:
+                    quiet = 0
+                    self._send(b"")
             self._send_latest()
         except OSError:
             self.gone()
 
-    def _send_latest(self) -> None:
+    def _send_latest(self) -> bool:
+        """Send what is new; whether anything is."""
         with self._lock:
             latest, self._latest = self._latest, None
             state = self._showing.of(latest) if latest is not None else None
         if state is not None:
             self._send(json.dumps(state, separators=(",", ":"), allow_nan=False).encode())
+        return state is not None
