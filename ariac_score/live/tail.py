@@ -57,7 +57,8 @@ class Tail:
         intake = self._recent.intake(self._of_those_there, self._file)
         try:
             trial = intake.trial(CutOffError("the trial goes on", file=self._file), as_it_came=True)
-            trial = self._prepared.derived(trial)
+            # What may have been between samples is not looked at: before the last moments nothing is kept.
+            trial = replace(self._prepared.derived(trial), between=None)
             found = [
                 (name, chart)
                 for name, each in self._margined.items()

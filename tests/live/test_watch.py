@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ from ariac_score.live.source import (
 from ariac_score.live.watch import Settings, Watch
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Connection, Message
+from ariac_score.monitors import monitor as monitor_module
 from ariac_score.results.result import Result
 from ariac_score.trial.chart import Chart
 
@@ -213,6 +214,32 @@ def _margins_of_all(recording: Path) -> list[Chart]:
     prepared = prepare("paper2020.published")
     each = prepared.checks["separation"]
     return margins_of(each.plugin, "separation", each.check, open_trial(recording, "paper2020.published"))
+
+
+def test_the_margins_of_the_moment_are_looked_at_without_what_may_have_been_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They come from the last moments alone: to work out what may have been before takes ever longer."""
+    worked_out: list[object] = []
+    real = monitor_module.open_worlds
+
+    def open_worlds(*given: Any) -> Any:
+        worked_out.append(given)
+        return real(*given)
+
+    monkeypatch.setattr(monitor_module, "open_worlds", open_worlds)
+    calls, looks = [], 0
+    for name, period_s in (("often", 0.0), ("never", 1e9)):
+        settings = Settings(period_s=1e9, tail_period_s=period_s, tail_share=1.0, apart=False)
+        shown: list[Running] = []
+        source, record = Made(iter(_items()[:400])), tmp_path / f"{name}.mcap"
+        Watch(source, prepare("paper2020.published"), record, settings=settings, told=shown.append).run()
+        looks = looks or sum(bool(state.now) for state in shown)
+        calls.append(len(worked_out))
+        worked_out.clear()
+
+    assert looks > 100
+    assert calls[0] == calls[1] > 0
 
 
 def test_where_one_topic_alone_has_sent_something_the_margin_is_there_and_why_there_is_no_score_yet(

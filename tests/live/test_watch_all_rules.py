@@ -63,7 +63,7 @@ def test_a_watched_trial_is_worth_what_its_recording_is(rules: str, log: Path, t
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_so_it_is_under_every_shipped_rule_set(log: Path, tmp_path: Path, subtests: pytest.Subtests) -> None:
-    """Rules that cannot score this trial say the same of both, too."""
+    """There is a result wherever the log that was watched has one; other rules say of both what they need."""
     results = 0
     people = write_bag(
         tmp_path / "people.mcap", recorded_messages(kitting_trial(), motion="human_state"), storage="mcap"
@@ -76,4 +76,5 @@ def test_so_it_is_under_every_shipped_rule_set(log: Path, tmp_path: Path, subtes
             watched = _watched(suits, name, record)
             results += watched.startswith("{")
             assert watched == _scored(record, name)
-    assert results > 40  # the others need more than a recording, such as the official text
+            assert watched.startswith("{") == _scored(suits, name).startswith("{")
+    assert results
