@@ -65,9 +65,9 @@ class Settings:
 
     patience_s: float = 30.0
     period_s: float = 0.5
-    share: float = 0.1
+    share: float = 0.08
     tail_period_s: float = 0.02
-    tail_share: float = 0.2
+    tail_share: float = 0.22
     grace_s: float = 2.0
     apart: bool = True
 
