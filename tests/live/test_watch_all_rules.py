@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,23 @@ def test_a_competition_may_know_its_recording_by_what_came(tmp_path: Path) -> No
 
     assert watched.startswith("{")
     assert watched == _scored(tmp_path / "seen.mcap", "aic2026.qualification")
+
+
+def test_while_it_goes_on_it_is_said_that_its_score_comes_in_the_end(tmp_path: Path) -> None:
+    said: list[str] = []
+    settings = Settings(period_s=500, share=1.0, tail_period_s=1e9, apart=False)
+    calls = count()
+    Watch(
+        source_at(f"replay:{AIC}?speed=0"),
+        prepare("aic2026.qualification"),
+        tmp_path / "seen.mcap",
+        settings=settings,
+        told=lambda state: said.append(state.open),
+        now_s=lambda: float(next(calls)),  # judged every few hundred messages
+    ).run()
+
+    assert "its competition reads recordings in its own way: the score comes in the end" in said
+    assert said[-1] == ""
 
 
 @pytest.mark.parametrize("rules", FEW)

@@ -165,6 +165,7 @@
       view.lines.set(one.id, true);
       return node;
     });
+    put(box.querySelector(".none"), state.final ? "nothing gained or lost" : "nothing gained or lost yet");
     fill(list, box.querySelector(".none"), nodes.reverse()); /* the latest on top */
   }
 
