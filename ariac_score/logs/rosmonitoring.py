@@ -288,7 +288,8 @@ class RosMonitoringReader:
         written as text, events without time, and the `verdict` and `spec` of older logs.
         Stamps below 1e9 s are simulation time, which is kept; others are wall-clock time,
         counted from the first. Where both occur, the clock of the motion counts, and events
-        on the other keep what needs no time.
+        on the other keep what needs no time. A transform has its own stamp, where that is
+        within a minute of its event's.
     Refuses:
         A line that is cut off or no JSON object, and a status log in which two monitors saw
         the same interface.
