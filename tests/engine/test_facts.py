@@ -10,9 +10,10 @@ import pytest
 
 from ariac_score import FactSchemas, as_json, score_trial
 from ariac_score.checks.registry import Plugin, package_sha256
-from ariac_score.engine.facts import refuse_other_facts
+from ariac_score.engine.facts import refuse_facts_below, refuse_other_facts
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import LogError, PluginConflictError, PluginError
+from ariac_score.scoring.levels import DeclaredFact
 from ariac_score.testing import write_trial_log
 from ariac_score.trial.work import Item
 from ariac_score_ariac.testing import kitting_trial
@@ -152,3 +153,19 @@ def test_two_that_say_so_are_refused_and_one_that_is_broken_is_named(install: In
     schemas(install, "{}")
     with pytest.raises(PluginConflictError, match=r"odd-score 1\.0 and strict-score 1\.0"):
         prepare(RULES)
+
+
+@pytest.mark.parametrize(("difficulty", "refused"), [(1, False), (0.5, True), (None, False), ("hard", False)])
+def test_a_fact_below_what_its_competition_says_is_refused(difficulty: object, refused: bool) -> None:
+    item = Item("a", "object", {"difficulty": difficulty})  # type: ignore[dict-item]
+    hunt = replace(kitting_trial(), work=(Item("run", "task", items=(item,)),))
+    declared = {"object": {"difficulty": DeclaredFact(least=1), "anything": DeclaredFact()}}
+    if not refused:
+        return refuse_facts_below(hunt, declared, by="hunt", file="run.jsonl")
+
+    with pytest.raises(
+        LogError, match=r"difficulty is 0\.5, and hunt says that it is never below 1"
+    ) as caught:
+        refuse_facts_below(hunt, declared, by="hunt", file="run.jsonl")
+    assert caught.value.place == "object run/a"
+    return None

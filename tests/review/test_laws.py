@@ -100,6 +100,8 @@ def test_no_other_shipped_penalty_keeps_them_all() -> None:
         ("earned - 3 * count(dropped)", "withhold", "doing_nothing"),
         ("earned * product(separation, p=0.5)", "withhold", "stopping_early"),
         ("earned * gate(separation) if count(separation) < 2 else 0", "withhold", "stopping_early"),
+        # Three pieces with a violation each: 3 * (1 - 3 / 4) is less than 2 * (1 - 2 / 4).
+        ("earned * (1 - clip(count(dropped), 0, 3) / 4)", "withhold", "stopping_early"),
         ("earned / (1 + charged(separation=0.4))", "exclude", "unknown"),
         ("earned / (1 + count(separation))", "worst_case", "unknown"),
         ("0 - charged(separation=0.4)", "zero", "unknown"),

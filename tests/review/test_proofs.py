@@ -131,6 +131,35 @@ def test_how_steep_a_formula_is_at_most(tree: Node, steepest: float) -> None:
     assert Grades().of(tree).steep["x"] == pytest.approx(steepest)
 
 
+COST = Taken(Quantity("cost", "fact", 0, math.inf))
+
+
+def test_a_value_exists_only_where_its_divisor_is_not_0() -> None:
+    worth_over_cost = Grades().of(Op("/", (WORTH, COST))).typed
+    assert (worth_over_cost.least, worth_over_cost.signs) == (0, {"worth": Sign.UP, "cost": Sign.BOTH})
+    # Of what violations divide by nothing is known: without one there is no value at all.
+    assert Grades().of(Op("/", (Known(1), X))).sign("x") is Sign.BOTH
+    assert Grades().of(Op("/", (WORTH, FREE))).typed.least == -math.inf
+
+
+def test_a_condition_that_holds_keeps_a_divisor_from_0() -> None:
+    guarded = Op("if", (Op("<", (Known(0), X)), Op("/", (Known(1), X)), Known(math.inf)))
+    not_guarded = Op("if", (Op("<=", (Known(0), X)), Op("/", (Known(1), X)), Known(math.inf)))
+    assert Grades().of(guarded).sign("x") is Sign.DOWN
+    assert Grades().of(not_guarded).sign("x") is Sign.BOTH
+
+
+@pytest.mark.parametrize(("bound", "strict"), [(0, True), (-1, True), (0.5, False)])
+def test_a_number_that_is_never_beyond_another_does_not_make_it_stay(bound: float, strict: bool) -> None:
+    assert ("x" in Grades().of(Op("max", (X, Known(bound)))).strict) is strict
+
+
+def test_a_mean_over_teams_lies_between_what_each_of_them_can_contribute() -> None:
+    found = subject_of("ariac2020.as_documented", REGISTRY).quantities["cohort.order_time_s"]
+
+    assert (found.least, found.most) == (0, math.inf)
+
+
 # Laws ----------------------------------------------------------------------------------
 
 
@@ -471,6 +500,14 @@ def test_a_border_is_known_where_rules_measure_what_work_is_worth() -> None:
 # Shipped rule sets ---------------------------------------------------------------------
 
 PAGE = Path(__file__).parents[2] / "docs/laws.md"
+
+
+def test_violations_never_help_under_a_rule_set_that_multiplies_with_a_collision() -> None:
+    """Of 2020 as documented that rests on parts being counted, and on times that are not negative."""
+    subject = subject_of("ariac2020.as_documented", REGISTRY)
+
+    assert BY_TYPES["more_violations"](subject).proves
+    assert BY_TYPES["always_costs"](subject).proves
 
 
 @pytest.mark.slow

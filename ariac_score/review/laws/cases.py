@@ -108,8 +108,8 @@ class World:
         ungraded: Checks whose violations have no depth, such as contacts.
         humans: For each check about humans whether it charges a machine that stands still; `None` where it
             does not say.
-        paid: For each rule that reads an official record the quantities that say what work earned, which are 0
-            where it was not done.
+        paid: For each rule that reads an official record the quantities that say what work earned, which are
+            0 where it was not done.
     """
 
     rule_set: RuleSet
