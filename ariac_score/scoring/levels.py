@@ -118,7 +118,12 @@ def _fact(name: str, body: Any) -> DeclaredFact:
         return body
     if isinstance(body, str):
         body = {"type": body}
-    known = {"type": str, "unit": str, "meaning": str, "least": (int, float)}
+    known: Mapping[str, type | tuple[type, ...]] = {
+        "type": str,
+        "unit": str,
+        "meaning": str,
+        "least": (int, float),
+    }
     whole = isinstance(body, Mapping) and all(
         key in known and isinstance(value, known[key]) for key, value in body.items()
     )

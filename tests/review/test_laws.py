@@ -12,7 +12,14 @@ from ariac_score.documents.schema import schema
 from ariac_score.review.laws.cases import Case, Violation, World
 from ariac_score.review.laws.laws import LAWS
 from ariac_score.review.laws.prices import ALL_LAWS
-from ariac_score.review.laws.proving import Outcome, about_humans, check_laws, event_checks, ungraded_checks
+from ariac_score.review.laws.proving import (
+    Outcome,
+    about_humans,
+    check_laws,
+    event_checks,
+    paid_quantities,
+    ungraded_checks,
+)
 from ariac_score.review.laws.reference import DEFAULT, REFERENCE_EVENTS, reference_rules
 from ariac_score.review.proofs.penalties_page import penalties_page
 from ariac_score.review.proofs.proving import Judged
@@ -272,12 +279,13 @@ def test_a_well_known_rule_set_breaks_no_law_but_those_it_says_it_breaks(name: s
 
     found = check_laws(
         rule_set,
-        cases=25,
+        cases=10,
         seed=1,
         events=events(rule_set),
         steps=0,
         ungraded=ungraded_checks(rule_set, REGISTRY),
         humans=about_humans(rule_set, REGISTRY),
+        paid=paid_quantities(rule_set, REGISTRY),
     )
 
     assert {o.law.name for o in found if o.verdict == "broken"} <= set(rule_set.breaks)
@@ -288,7 +296,11 @@ def test_a_well_known_rule_set_breaks_no_law_but_those_it_says_it_breaks(name: s
 def test_a_shipped_rule_set_breaks_the_laws_it_says_it_breaks_and_no_other(name: str) -> None:
     rule_set = load_rule_set(name)
     said = set(rule_set.breaks)
-    of_checks = {"ungraded": ungraded_checks(rule_set, REGISTRY), "humans": about_humans(rule_set, REGISTRY)}
+    of_checks = {
+        "ungraded": ungraded_checks(rule_set, REGISTRY),
+        "humans": about_humans(rule_set, REGISTRY),
+        "paid": paid_quantities(rule_set, REGISTRY),
+    }
 
     if said:
         # The rarest of them shows itself in one case of five hundred.

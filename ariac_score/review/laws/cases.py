@@ -276,8 +276,11 @@ class World:
                 verdict = Verdict.VIOLATED if (check, subject) in case.failed else Verdict.SATISFIED
                 verdict = Verdict.INCONCLUSIVE if (check, subject) in case.unknown else verdict
                 numbers = self._numbers(check, case)
+                paid = self.paid.get(check, frozenset()) & numbers.keys()
                 if verdict is Verdict.VIOLATED:
-                    numbers |= dict.fromkeys(self.paid.get(check, frozenset()) & numbers.keys(), 0.0)
+                    numbers |= dict.fromkeys(paid, 0.0)
+                elif verdict is Verdict.INCONCLUSIVE:  # a record that is not there says nothing of points
+                    numbers = {name: number for name, number in numbers.items() if name not in paid}
                 yield Finding(subject, verdict, check, quantities=numbers, check=check)
 
     def _numbers(self, check: str, case: Case) -> dict[str, float]:
