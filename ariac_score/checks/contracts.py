@@ -378,8 +378,8 @@ class Competition(Protocol):
     optional; what a class has is used:
 
     - `levels`: names of its levels of work, innermost first, the last one `trial`;
-    - `facts`: for each level the facts that its items may have: name to `number` or `text`, or to a mapping with
-      `type`, `unit`, `meaning` and `least`, which no trial may state less than, and on which proofs rely;
+    - `facts`: for each level the facts that its items may have: name to `number` or `text`, or to a mapping
+      with `type`, `unit`, `meaning` and `least`, which no trial may state less than, as proofs rely on;
     - `words`: for each level, `trial` too, what people call it, singular and plural; of `submission`, also
       where no level has that name, what is handed in: without it pages are silent about handing in;
     - `join(merged, parts, file)`: see `ariac_score.trial.build.Joining`;
