@@ -125,7 +125,7 @@ def test_one_that_leaves_in_order_is_no_loss_and_one_that_is_killed_is(
     assert isinstance(lost, Lost)
     assert (lost.topic, "/steady" in lost.cause) == ("/points", True)
 
-    ros.python(TALKER, "steady", "steady")
+    ros.until(ros.python(TALKER, "steady", "steady"), "ready", 60.0)
     again = heard(source, is_message, 20)
     assert announced(again) == []  # it is the same publisher, and goes on where it was
     assert {i.message.connection for i in again if isinstance(i, Received)} == {connection}
