@@ -108,8 +108,8 @@ class Ros1Source(DialledSource):
     def _follow(self, session: _Graph, here: set[tuple[str, str]]) -> None:
         for key in list(session.links):
             link = session.links[key]
-            # Its connection ends by itself, with the last message. One that is back at once, as a node that is
-            # started again, is heard again: by the link that still tries, or by a new one.
+            # Its connection ends by itself, with the last message. One that is back at once, as a node that
+            # is started again, is heard again: by the link that still tries, or by a new one.
             link.leaves = key not in here
             if not link.is_alive:
                 del session.links[key]
