@@ -315,7 +315,8 @@ def test_a_result_that_is_signed_for_another_cup_is_not_ranked_in_this_one(
 
 def test_a_comment_cannot_say_for_which_competition_a_result_is_signed(key: str) -> None:
     Path("table").write_text("x", encoding="utf-8")
-    with pytest.raises(UsageError, match="--competition"):
+    with pytest.raises(UsageError, match="names one") as refused:
         sign_file(Path("table"), Path("organiser.key"), comment="competition:cup")
+    assert "--competition" in refused.value.hint
     with pytest.raises(UsageError, match="no id of a competition"):
         sign_file(Path("table"), Path("organiser.key"), competition="two words")

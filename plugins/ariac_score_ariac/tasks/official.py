@@ -27,8 +27,8 @@ _ENDINGS: Mapping[str, str] = {
 
 _NUMBER = re.compile(r"-?\d{1,15}(?:\.\d{1,20})?(?:e[+-]?\d{1,2})?")
 _OF_ORDER: Mapping[str, Measure] = {
-    "score": Measure("points", "points", signed=False, meaning="without any factor for priority"),
-    "total": Measure("points", "points", signed=False, meaning="with the factor for priority"),
+    "score": Measure("points", "points", meaning="without any factor for priority"),
+    "total": Measure("points", "points", meaning="with the factor for priority"),
     # What the order asks for, not what was done: it is the same in every world a ledger compares.
     "priority_factor": Measure("1", signed=False, meaning="what the score is multiplied by"),
     "duration_s": Measure("s", meaning="from announcement to submission; until 2022 the time taken"),
