@@ -53,6 +53,10 @@ _FIRST_NUMBER = 1 << 20
 """Channels are numbered so far apart that nobody takes their numbers for one count of all messages."""
 
 
+CHEAP_LOOK_S = 0.008
+"""A look at the margins that takes no more of a processor may follow the one before at once."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """How a cell is watched.
@@ -62,7 +66,9 @@ class Settings:
         period_s: The least time between two judgements of the trial so far, s.
         share: The part of a processor that judging while the trial goes on may take.
         tail_period_s: The least time between two looks at the margins of the moment, s.
-        tail_share: The part of a processor that these may take.
+        tail_share: The part of a processor that these may take where one takes no more than `CHEAP_LOOK_S`;
+            dearer ones, as of a robot of many links, may take the less, the dearer they are.
+        least_tail_share: The part that they may always take.
         grace_s: How long to go on listening when the competition has ended, s: messages come late.
         apart: Whether the trial so far is judged in a process of its own, so that margins do not wait for it.
     """
@@ -70,10 +76,17 @@ class Settings:
     patience_s: float = 30.0
     period_s: float = 0.5
     share: float = 0.08
-    tail_period_s: float = 0.02
-    tail_share: float = 0.22
+    tail_period_s: float = 0.005
+    tail_share: float = 0.5
+    least_tail_share: float = 0.12
     grace_s: float = 2.0
     apart: bool = True
+
+    def until_next_look_s(self, cost_s: float) -> float:
+        """How long to wait after a look at the margins that took so much of a processor, s."""
+        share = self.tail_share * min(1.0, CHEAP_LOOK_S / cost_s) if cost_s > 0 else self.tail_share
+        share = max(share, min(self.least_tail_share, self.tail_share))
+        return max(self.tail_period_s, cost_s * (1 / share - 1))
 
 
 class Watch:
@@ -178,9 +191,7 @@ class Watch:
                 said = replace(self.state, now=now, places=places, elapsed_s=intake.elapsed_s)
                 self._tell(replace(said, messages=shown))
                 cost_s = time.thread_time() - began_s
-                next_tail_s = self._now_s() + max(
-                    settings.tail_period_s, cost_s * (1 / settings.tail_share - 1)
-                )
+                next_tail_s = self._now_s() + settings.until_next_look_s(cost_s)
             result = asking.look(intake, now_s)
             if result is not None and result.measured.cut is not None and result.measured.cut.ended:
                 over_s = now_s if over_s is None else over_s
