@@ -86,7 +86,7 @@ class Worlds:
     def __post_init__(self) -> None:
         self.pricing = Pricing(self.sheet, self.trial, self.findings, self.cohort)
         self.verdicts = frozenset(one.key for one in self.variables if one.is_verdict)
-        self._tried = 0
+        self.tried, self._may_try = 0, 0
 
     def typed(self, pins: Pins) -> Typed:
         """The type of the formula where some inputs are known.
@@ -94,18 +94,20 @@ class Worlds:
         Raises:
             FormulaError: It has no value, whatever the others are.
         """
-        self._tried += 1
+        self.tried += 1
         evaluation = _Evaluation(self, pins)
         return type_of(self.formula, _Around(evaluation, self.trial, ()))
 
-    def end(self, *, least: bool, pins: Pins | None = None) -> Bound:
+    def end(self, *, least: bool, pins: Pins | None = None, most_tried: int = MOST_TRIED) -> Bound:
         """The least or the greatest value.
 
         Args:
             least: Which of both.
             pins: Inputs that are known.
+            most_tried: Evaluations after which interval arithmetic bounds what is left; `tried` then says
+                that there were so many.
         """
-        self._tried = 0
+        self.tried, self._may_try = 0, most_tried
         return self._end(dict(pins or {}), least)
 
     def _end(self, pins: dict[str, bool], least: bool) -> Bound:
@@ -116,7 +118,7 @@ class Worlds:
             found = self.typed(pins)
         here = Bound(found.least if least else found.most, pins, not any(found.signs.values()))
         both = sorted(name for name, sign in found.signs.items() if sign and name in self.verdicts)
-        if not both or self._tried >= MOST_TRIED:
+        if not both or self.tried >= self._may_try:
             return here
         ends = [self._end({**pins, both[0]: worst}, least) for worst in (True, False)]
         return (min if least else max)(ends, key=lambda bound: bound.value)

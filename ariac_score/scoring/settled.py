@@ -11,7 +11,7 @@ from msgspec import UNSET, UnsetType
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError
-from ariac_score.scoring.bounds import Bound, Worlds
+from ariac_score.scoring.bounds import MOST_TRIED, Bound, Worlds
 from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
@@ -20,6 +20,8 @@ __all__ = ["Settled", "ends_around", "interval_of", "settle"]
 
 MOST_CAUSES = 40
 """Of more causes nobody asks how much each is worth."""
+MOST_TRIED_FOR_CAUSES = 1024
+"""Evaluations that all of them together may take: what then is left has no number, rather than minutes."""
 _CLOSE = 1e-9
 """Bounds are added up in another order than scores; what differs by so little is the same."""
 
@@ -229,12 +231,16 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
     width = settled.most.value - settled.least.value
     least, most = settled.ends(digits)
     found = []
+    budget = MOST_TRIED_FOR_CAUSES if len(causes) <= MOST_CAUSES else 0
     for cause, numbers in causes.items():
         among = [settled.worlds.variables[number] for number in numbers]
-        by = None
-        if len(causes) <= MOST_CAUSES:
-            keys = [one.key for one in among]
-            by = max(0.0, width - min(_width(settled, keys, worst=worst) for worst in (True, False)))
+        by, widths = None, []
+        for worst in (True, False):
+            decided, tried = _width(settled, [one.key for one in among], worst=worst, most_tried=budget)
+            budget -= tried
+            widths.append(decided)
+        if budget > 0:
+            by = max(0.0, width - min(widths))
         if by is None or by > _CLOSE * (1 + width):
             found.append(
                 Narrowing(
@@ -248,10 +254,16 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
     return tuple(sorted(found, key=lambda one: -(one.at_most or Decimal(0))))
 
 
-def _width(settled: Settled, keys: list[str], *, worst: bool) -> float:
-    """How long the interval is where some of what is open is decided."""
+def _width(settled: Settled, keys: list[str], *, worst: bool, most_tried: int) -> tuple[float, int]:
+    """How long the interval is where some of what is open is decided, and how many evaluations that took."""
     both = {**settled.least.pins, **settled.most.pins}
     pins = {name: worst for name in both if name.partition("#")[0] in keys}
     pins.update(dict.fromkeys(keys, worst))
-    ends = [settled.worlds.end(least=least, pins=pins).value for least in (False, True)]
-    return ends[0] - ends[1]
+    ends, tried = [], 0
+    for least in (False, True):
+        may = min(MOST_TRIED, most_tried - tried)
+        if may <= 0:
+            return inf, tried
+        ends.append(settled.worlds.end(least=least, pins=pins, most_tried=may).value)
+        tried += settled.worlds.tried
+    return ends[0] - ends[1], tried

@@ -15,11 +15,14 @@ from hypothesis import strategies as st
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, OpenFindings
+from ariac_score.scoring.bounds import MOST_TRIED, Worlds
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.scope import Scope
+from ariac_score.scoring.settled import MOST_TRIED_FOR_CAUSES
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.signs import Typed
 from ariac_score.trial.spans import Span
 
 TRIAL = Scope("trial", "", {"duration_s": 60.0})
@@ -338,3 +341,27 @@ def test_no_violations_within_a_gap_cost_more_than_the_worst_or_less_than_the_be
         score = priced(f"-{function}", true).ledger
         assert score is not None
         assert interval[0] <= score.amount <= interval[1], stretches
+
+
+def test_a_log_with_very_much_undecided_is_priced_in_bounded_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of 16 causes may move the score either way, so that their worlds are 65 536; all are named."""
+    evaluations = 0
+    typed = Worlds.typed
+
+    def counted(worlds: Worlds, pins: Mapping[str, bool]) -> Typed:
+        nonlocal evaluations
+        evaluations += 1
+        return typed(worlds, pins)
+
+    monkeypatch.setattr(Worlds, "typed", counted)
+    undecided = {
+        key: replace(one, message=f"nobody saw {one.subject}") for key, one in found(pose="i" * 16).items()
+    }
+    one = priced("(points(pose) - 8) * (points(pose) - 3)", undecided)
+
+    assert one.interval is not None
+    assert evaluations < 2 * MOST_TRIED + MOST_TRIED_FOR_CAUSES + 100
+    assert {narrowing.cause for narrowing in one.interval.narrowing} == {
+        f"nobody saw part_{n}" for n in range(1, 17)
+    }
+    assert any(narrowing.at_most is None for narrowing in one.interval.narrowing)
