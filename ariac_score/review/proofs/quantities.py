@@ -99,7 +99,7 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
             adds=True,
             same_at_rates=True,
         )
-    if function == "count":
+    if function in ("count", "occurrences"):
         return Quantity(
             label,
             VIOLATIONS,
@@ -109,18 +109,7 @@ def of_monitor(function: str, check: str, *, events: bool, label: str) -> Quanti
             apart=True,
             depthless=True,
             adds=True,
-            same_at_rates=True,
-        )
-    if function == "occurrences":
-        return Quantity(
-            label,
-            VIOLATIONS,
-            checks=(check,),
-            grows=False,
-            why_not=JOINING,
-            apart=True,
-            depthless=True,
-            adds=True,
+            same_at_rates=function == "count",
         )
     if function in ("seconds", "depth"):
         return Quantity(
