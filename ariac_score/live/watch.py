@@ -53,7 +53,7 @@ _FIRST_NUMBER = 1 << 20
 """Channels are numbered so far apart that nobody takes their numbers for one count of all messages."""
 
 
-CHEAP_LOOK_S = 0.008
+CHEAP_LOOK_S = 0.01
 """A look at the margins that takes no more of a processor may follow the one before at once."""
 
 
@@ -76,16 +76,16 @@ class Settings:
     patience_s: float = 30.0
     period_s: float = 0.5
     share: float = 0.08
-    tail_period_s: float = 0.005
-    tail_share: float = 0.5
+    tail_period_s: float = 0.001
+    tail_share: float = 0.75
     least_tail_share: float = 0.12
     grace_s: float = 2.0
     apart: bool = True
 
     def until_next_look_s(self, cost_s: float) -> float:
         """How long to wait after a look at the margins that took so much of a processor, s."""
-        share = self.tail_share * min(1.0, CHEAP_LOOK_S / cost_s) if cost_s > 0 else self.tail_share
-        share = max(share, min(self.least_tail_share, self.tail_share))
+        cheap = min(1.0, CHEAP_LOOK_S / cost_s) if cost_s > 0 else 1.0
+        share = max(self.tail_share * cheap**2, min(self.least_tail_share, self.tail_share))
         return max(self.tail_period_s, cost_s * (1 / share - 1))
 
 

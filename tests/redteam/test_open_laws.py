@@ -52,7 +52,7 @@ def test_a_law_that_is_open_is_refuted_on_a_log(rules: Path) -> None:
 def test_what_was_tried_in_vain_is_counted(rules: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rules.write_text(RULES.replace("SCORE", "task - seconds(separation) ** 2"), encoding="utf-8")
 
-    found = certified(rules, "--tries", "3")["always_costs"]
+    found = certified(rules, "--tries", "3")["short_pause"]
 
     assert (found["verdict"], found["searched"]) == ("open", ["3 doctored copies of kitting_near_miss.mcap"])
     assert "searched: 3 doctored copies of kitting_near_miss.mcap: nothing" in capsys.readouterr().out
