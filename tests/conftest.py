@@ -84,6 +84,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     With `files`, by their path, the module is a package in which they lie; `also` gives the entry points
     of further groups.
     """
+    from ariac_score.checks.registry import package_sha256  # noqa: PLC0415  # not for tests of other things
+
     before = set(sys.modules)
 
     def put(
@@ -115,9 +117,11 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
             text += "".join(f"{name} = {module}:{attribute}\n" for name, attribute in named.items())
         (folder / "entry_points.txt").write_text(text, encoding="utf-8")
         monkeypatch.syspath_prepend(str(place))
+        package_sha256.cache_clear()  # another test may have installed one of the same name
         return module
 
     yield put
+    package_sha256.cache_clear()
     for name in set(sys.modules) - before:
         if name.startswith("stranger_"):
             del sys.modules[name]

@@ -180,7 +180,7 @@ class _Grower:
             self._terms[level, name] = Term(label, self.grow(formula, level))
         return self._terms[level, name]
 
-    def mean(self, dotted: str) -> Quantity:
+    def mean_of(self, dotted: str) -> Quantity:
         """A mean over teams, which lies between what each of them can contribute."""
         term = self.rule_set.sheet.cohort[dotted.removeprefix("cohort.")]
         least, most = self.range_of(self.grow(term.value, term.level))
@@ -219,7 +219,7 @@ class _Growing:
         if dotted in sheet.parameters:
             return Known(float(sheet.parameters[dotted]))
         if prefix == "cohort":
-            return Taken(self.grower.mean(dotted))
+            return Taken(self.grower.mean_of(dotted))
         if prefix == "runs":
             return Op("runs", (self.grower.term(TRIAL, name),))
         level = prefix or self.level
