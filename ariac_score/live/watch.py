@@ -78,14 +78,14 @@ class Settings:
     share: float = 0.08
     tail_period_s: float = 0.001
     tail_share: float = 0.75
-    least_tail_share: float = 0.12
+    least_tail_share: float = 0.08
     grace_s: float = 2.0
     apart: bool = True
 
     def until_next_look_s(self, cost_s: float) -> float:
         """How long to wait after a look at the margins that took so much of a processor, s."""
         cheap = min(1.0, CHEAP_LOOK_S / cost_s) if cost_s > 0 else 1.0
-        share = max(self.tail_share * cheap**2, min(self.least_tail_share, self.tail_share))
+        share = max(self.tail_share * cheap**3, min(self.least_tail_share, self.tail_share))
         return max(self.tail_period_s, cost_s * (1 / share - 1))
 
 
