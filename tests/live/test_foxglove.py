@@ -182,7 +182,7 @@ def _opened(address: str, topics: frozenset[str] | None = None) -> LiveSource:
 
 
 def _watch(source: LiveSource, record: Path, *, patience_s: float = 1.0) -> tuple[Result, Watch]:
-    settings = Settings(period_s=1e9, tail_period_s=1e9, patience_s=patience_s)
+    settings = Settings(period_s=1e9, tail_period_s=1e9, patience_s=patience_s, apart=False)
     watch = Watch(source, prepare("paper2020"), record, settings=settings)
     return watch.run(), watch
 

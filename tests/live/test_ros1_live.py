@@ -65,9 +65,16 @@ def _of(kind: type) -> object:
 
 
 def _watching(source: LiveSource, record: Path) -> tuple[Watch, threading.Thread, list[str]]:
-    """A watch on a thread of its own, and what it comes to."""
+    """A watch on a thread of its own, and what it comes to.
+
+    It judges here, and not in a copy of this process: one that is made while another thread starts a program
+    holds the pipe on which that thread waits.
+    """
     watch = Watch(
-        source, prepare("paper2020.published"), record, settings=Settings(period_s=1e9, tail_period_s=1e9)
+        source,
+        prepare("paper2020.published"),
+        record,
+        settings=Settings(period_s=1e9, tail_period_s=1e9, apart=False),
     )
     said: list[str] = []
 

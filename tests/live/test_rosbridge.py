@@ -147,7 +147,7 @@ def test_it_keeps_the_contract(subtests: pytest.Subtests) -> None:
 
 def test_what_rests_on_silence_is_open(tmp_path: Path) -> None:
     with stand_in() as server, sending(server.subscribed, server.send):
-        settings = Settings(period_s=1e9, tail_period_s=1e9)
+        settings = Settings(period_s=1e9, tail_period_s=1e9, apart=False)
         source = Until(source_at(server.address), len(recorded()))
         result = Watch(source, prepare("paper2020"), tmp_path / "seen.mcap", settings=settings).run()
 

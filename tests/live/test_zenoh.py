@@ -195,7 +195,7 @@ def test_silence_counts_for_losses_show(tmp_path: Path) -> None:
         for message in recorded():
             one.offer(_key(message))
         with sending(one.subscribed, one.send):
-            settings = Settings(period_s=1e9, tail_period_s=1e9)
+            settings = Settings(period_s=1e9, tail_period_s=1e9, apart=False)
             source = Until(source_at(one.address), len(recorded()))
             result = Watch(source, prepare("paper2020"), tmp_path / "seen.mcap", settings=settings).run()
     assert not {"unseen_losses", "missing_messages"} & {d.kind for d in result.measured.log_defects}
