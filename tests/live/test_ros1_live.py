@@ -221,18 +221,19 @@ def test_a_walk_past_a_robot_is_watched_by_two_sources_at_once(
 
     plan = tmp_path / "trial.plan.json"
     word = {"topic": STATE, "field": "data"}
+    topics = ["/tf", STATE, "/ariac/orders"]
     plan.write_text(
         json.dumps(
             {
                 "format": "ariac-score-recording-plan/1",
-                "topics": ["/tf", STATE, "/ariac/orders"],
+                "topics": topics,
                 "starts": {**word, "values": ["init"]},
                 "ends": {**word, "values": ["done"]},
                 "linger_s": 0.3,
             }
         )
     )
-    address, over = f"ros1://127.0.0.1:{ros.port}", threading.Event()
+    address, over, ended = f"ros1://127.0.0.1:{ros.port}", threading.Event(), threading.Event()
     with bridge() as server:
         relay = source_at(address)
         relay.open(None)
@@ -241,10 +242,13 @@ def test_a_walk_past_a_robot_is_watched_by_two_sources_at_once(
             while not over.is_set():
                 item = relay.next(0.02)
                 if isinstance(item, Announced):
-                    server.offer(item.connection)
-                    over.wait(0.1)  # time to subscribe: a bridge keeps nothing for those who come late
+                    channel = server.offer(item.connection)
+                    if item.connection.topic in topics:  # a bridge keeps nothing for those who come late
+                        until(channel.has_sinks, f"a subscriber of {item.connection.topic}")
                 elif isinstance(item, Received):
                     server.send(item.message)
+                    if item.message.connection.topic == STATE and b"done" in bytes(item.message.payload):
+                        ended.set()
 
         passing = threading.Thread(target=pass_on, daemon=True)
         passing.start()
@@ -259,6 +263,7 @@ def test_a_walk_past_a_robot_is_watched_by_two_sources_at_once(
         try:
             assert ros.wait(cell, 40.0) == 0, ros.said(cell)
             assert ros.wait(recorder, 20.0) == 0, ros.said(recorder)
+            until(ended.is_set, "the end of the competition, through the bridge")
             for watch, thread, _ in watches.values():
                 watch.stop()
                 thread.join(30)
