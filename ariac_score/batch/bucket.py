@@ -38,12 +38,7 @@ def mirror_of(uri: str) -> Path:
     Raises:
         UsageError: Batches cannot be written to such a URI.
     """
-    if uri.startswith(("http://", "https://")):
-        raise UsageError(
-            "a web server takes no results",
-            file=shown(uri),
-            hint="name a folder of this machine, or of an object storage, such as s3://BUCKET/FOLDER",
-        )
+    _refuse_web_server(uri)
     base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     name = hashlib.sha256(uri.rstrip("/").encode("utf-8", "surrogateescape")).hexdigest()[:32]
     return Path(base).expanduser() / "ariac-score" / "stores" / name
@@ -168,30 +163,36 @@ def brought(bucket: Bucket | None, work: Path) -> Iterator[None]:
 
 
 @contextmanager
-def fetched_batch(given: str | Path) -> Iterator[Path]:
+def fetched_batch(given: str | Path, *, bring_back: bool = False) -> Iterator[Path]:
     """The folder of a batch, fetched for the moment where a URI names it.
 
     Args:
         given: A folder of this machine, or a URI.
+        bring_back: Whether what was added to it, such as a signature, is brought to the storage.
 
     Raises:
-        BatchError: The storage does not answer.
+        BatchError: The storage does not answer, or somebody else has written there meanwhile.
         UsageError: It wants other credentials, or there is no batch.
     """
     if not is_uri(str(given)):
         yield Path(given)
         return
+    if bring_back:
+        _refuse_web_server(str(given))
     with TemporaryDirectory(prefix="ariac-score-") as name:
         folder, work = Path(name) / "batch", Path(name) / "work"
         folder.mkdir()
         work.mkdir()
-        if not Bucket(str(given), folder).pull(work):
+        bucket = Bucket(str(given), folder)
+        if not bucket.pull(work):
             raise UsageError(
                 f"no finished batch lies there: {RUNS} is missing",
                 file=shown(str(given)),
                 hint="check the address, or call 'batch' with it first",
             )
         yield folder
+        if bring_back:
+            bucket.push()
 
 
 @contextmanager
@@ -199,6 +200,15 @@ def fetched_batches(given: Sequence[str | Path]) -> Iterator[list[Path]]:
     """The folders of several batches, in order; see `fetched_batch`."""
     with ExitStack() as stack:
         yield [stack.enter_context(fetched_batch(one)) for one in given]
+
+
+def _refuse_web_server(uri: str) -> None:
+    if uri.startswith(("http://", "https://")):
+        raise UsageError(
+            "a web server takes no results",
+            file=shown(uri),
+            hint="name a folder of this machine, or of an object storage, such as s3://BUCKET/FOLDER",
+        )
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import ExitStack
 from getpass import getpass
 from pathlib import Path
 from typing import Any
 
+from ariac_score.batch.bucket import fetched_batch
 from ariac_score.batch.description import load_description
 from ariac_score.batch.index import RUNS, check_index, checked_rows, read_rows, refuse_other_rules
+from ariac_score.batch.remote import is_uri, shown
 from ariac_score.batch.store import JOURNAL
 from ariac_score.errors import UsageError
 from ariac_score.results.signing import make_keys, sign_file, sign_result, signature_file
@@ -27,9 +30,9 @@ def register(commands: Any) -> None:
     parser.add_argument(
         "results",
         nargs="*",
-        type=Path,
         metavar="RESULT",
-        help="JSON that 'score', 'adjust' or 'rank' wrote, adjustments.yaml, or the folder of a batch",
+        help="JSON that 'score', 'adjust' or 'rank' wrote, adjustments.yaml, or the folder of a batch, "
+        "also by URI: s3://, gs://",
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="secret key; nobody else may be able to read it"
@@ -65,20 +68,20 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.key is None or not arguments.results:
         raise UsageError("nothing to sign, or no key", hint="ariac-score sign RESULT --key FILE")
-    signatures = [
-        (
-            signature_file(result),
-            _signature(result, arguments),
-        )
-        for path in arguments.results
-        for result in _signed_files(path)
-    ]
-    for (
-        file,
-        signature,
-    ) in signatures:  # after all are made: a fault in the last one leaves none signed
-        _put(file, signature)
-        print(plain(str(file)))
+    with ExitStack() as stack:
+        signatures = [
+            (signature_file(file), _signature(file, arguments), str(given))
+            for given in arguments.results
+            for file in _signed_files(stack.enter_context(fetched_batch(given, bring_back=True)))
+        ]
+        for (
+            file,
+            signature,
+            _,
+        ) in signatures:  # after all are made: a fault in the last one leaves none signed
+            write(signature.decode("ascii"), file)
+    for file, _, given in signatures:
+        print(plain(f"{shown(given).rstrip('/')}/{file.name}" if is_uri(given) else str(file)))
     return 0
 
 
@@ -101,10 +104,6 @@ def _signature(file: Path, arguments: argparse.Namespace) -> bytes:
 
 def _words(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"comment": arguments.comment, "competition": arguments.competition, "password": _password}
-
-
-def _put(file: Path, signature: bytes) -> None:
-    write(signature.decode("ascii"), file)
 
 
 def _password() -> str:

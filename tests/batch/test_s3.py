@@ -201,6 +201,30 @@ def test_a_document_that_was_changed_in_the_bucket_is_scored_again_and_refused_b
     assert in_bucket(bucket) == sound
 
 
+def test_a_season_in_a_bucket_is_signed_there_and_ranked_from_there_where_its_signature_is_asked_for(
+    bucket: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials, season, key = tmp_path / "cup" / "logs", f"{bucket}/season", tmp_path / "key"
+    for team in ("ours", "theirs"):
+        (trials / team / "walk_1").mkdir(parents=True)
+        shutil.copyfile(EXAMPLE, trials / team / "walk_1" / "log.mcap")
+    cup = str(trials.parent)
+    assert main(words(cup, "-o", season)) == 0
+    assert main(["sign", "--new-key", str(key)]) == 0
+    ranking = ["-q", "rank", cup, "--rules", RULES, "--batch", season, "--public-key", f"{key}.pub"]
+    assert main(ranking) != 0  # as long as nobody has signed it
+    capsys.readouterr()
+
+    assert main(["sign", season, "--key", str(key)]) == 0
+    assert capsys.readouterr().out == f"{season}/runs.jsonl.minisig\n"
+
+    another_machine(monkeypatch, tmp_path / "second")
+    assert main([*ranking, "--output-format", "csv"]) == 0
+    assert {row.split(",")[1] for row in capsys.readouterr().out.splitlines()[1:]} == {"ours", "theirs"}
+    assert main(["sign", "https://example.org/season", "--key", str(key)]) == 4
+    assert main(["sign", f"{bucket}/nothing", "--key", str(key)]) == 4
+
+
 def test_no_batch_and_a_web_server_are_refused(
     bucket: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
