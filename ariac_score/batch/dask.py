@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -15,7 +17,7 @@ import distributed
 from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
-from ariac_score.batch.state import SCHEDULER_LOST, OnState, unwatched
+from ariac_score.batch.state import SCHEDULER_LOST, OnState, RunUnderWay, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -62,6 +64,25 @@ class DaskExecutor:
         finished: SimpleQueue[Any] = SimpleQueue()
         patience = Patience(self._address(), lambda: len(self._threads()), setting, self.on_state)
         under_way: dict[Any, RunTask] = {}
+        seen_s: dict[str, float] = {}
+
+        def at_work() -> list[RunUnderWay]:
+            """The runs that workers have, and which ones; a worker does not tell what it does with them."""
+            placed, now = self._placed(), time.monotonic()
+            for key in seen_s.keys() - placed.keys():
+                del seen_s[key]
+            return sorted(
+                (
+                    RunUnderWay(
+                        task.key, now - seen_s.setdefault(future.key, now), f"at {placed[future.key]}"
+                    )
+                    for future, task in under_way.items()
+                    if future.key in placed
+                ),
+                key=lambda run: -run.for_s,
+            )
+
+        patience.at_work = at_work
 
         def submit_next(count: int) -> None:
             for task in islice(waiting, count):
@@ -101,6 +122,15 @@ class DaskExecutor:
                 hint=f"start it and its workers, {AND_AGAIN}",
             ).named(SCHEDULER_LOST) from cause
         return threads
+
+    def _placed(self) -> dict[str, str]:
+        """The worker that has each task; empty where the scheduler does not say."""
+        with suppress(OSError, distributed.TimeoutError):
+            asked = self.client.sync(
+                self.client.scheduler.processing, workers=None, callback_timeout=_ANSWER_S
+            )
+            return {key: worker for worker, keys in asked.items() for key in keys}
+        return {}
 
     def _alone(self, task: RunTask, setting: BatchSetting, patience: Patience) -> Done:
         done = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS
@@ -12,6 +12,7 @@ from ariac_score.batch.state import (
     SCHEDULER_LOST,
     WORKERS_SILENT,
     OnState,
+    RunUnderWay,
     State,
     Waiting,
     unwatched,
@@ -39,12 +40,14 @@ class Patience:
         workers: Returns how many workers it has.
         setting: With the time that a run may take.
         on_state: Called while there is something to wait for.
+        at_work: Returns the runs that the cluster has, the oldest first, as far as it tells.
     """
 
     cluster: str
     workers: Callable[[], int]
     setting: BatchSetting
     on_state: OnState = unwatched
+    at_work: Callable[[], Iterable[RunUnderWay]] = tuple
     _looked_s: float = field(default_factory=time.monotonic, init=False)
     _silent_s: float = field(default=0.0, init=False)
     _without_s: float = field(default=0.0, init=False)
@@ -71,7 +74,7 @@ class Patience:
         else:
             name = NO_WORKERS if count == 0 else SCHEDULER_LOST
             waiting = Waiting(name, self.cluster, self._without_s, WITHOUT_WORKERS_S)
-        self.on_state(State(waiting=waiting))
+        self.on_state(State(tuple(self.at_work()) if count else (), waiting))
         if self._without_s > WITHOUT_WORKERS_S:
             seen = "no worker" if count == 0 else "no scheduler that answers"
             raise BatchError(

@@ -7,6 +7,7 @@ import os
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ import ray
 from ariac_score.batch.isolated import absolute, earlier_document, measure_isolated
 from ariac_score.batch.local import AND_AGAIN, KILLED_FROM_OUTSIDE_ATTEMPTS, lost
 from ariac_score.batch.patience import LOOK_S, Patience
-from ariac_score.batch.state import SCHEDULER_LOST, OnState, unwatched
+from ariac_score.batch.state import SCHEDULER_LOST, OnState, RunUnderWay, unwatched
 from ariac_score.batch.tasks import BatchSetting, RunTask
 from ariac_score.batch.worker import Done
 from ariac_score.errors import BatchError, UsageError
@@ -72,25 +73,39 @@ class RayExecutor:
             return measure.remote(absolute(task), shared, earlier_document(task, self.out))
 
         waiting, suspects = iter(tasks), list[RunTask]()
+        under_way: dict[Any, tuple[RunTask, float]] = {}
+
+        def at_work() -> list[RunUnderWay]:
+            """The runs that the cluster has, whether they wait there or are scored: it tells no more."""
+            now = time.monotonic()
+            return [
+                RunUnderWay(task.key, now - since_s, "given to the cluster")
+                for task, since_s in under_way.values()
+            ]
+
+        def submit_next(count: int) -> None:
+            for task in islice(waiting, count):
+                under_way[submitted(task)] = (task, time.monotonic())
+
         address = ray.get_runtime_context().gcs_address
-        patience = _Head.watched(address, Patience(address, _workers, setting, self.on_state))
+        patient = Patience(address, _workers, setting, self.on_state, at_work)
+        patience = _Head.watched(address, patient)
         headless = False
         try:
             room = max(1, int(ray.cluster_resources().get("CPU", 1))) * _AHEAD
-            under_way = {submitted(task): task for task in islice(waiting, room)}
+            submit_next(room)
             while under_way:
                 finished, _ = ray.wait(list(under_way), num_returns=1, timeout=LOOK_S)
                 if not finished:
                     patience.check()
                     continue
-                task = under_way.pop(finished[0])
+                task, _ = under_way.pop(finished[0])
                 done = _result(finished[0], task, patience)
                 if done.put_off:
                     suspects.append(task)
                 else:
                     yield done
-                for following in islice(waiting, 1):
-                    under_way[submitted(following)] = following
+                submit_next(1)
             # Alone at the end: together with others they may have needed too much memory.
             for task in suspects:
                 yield _result(submitted(task), task, patience)

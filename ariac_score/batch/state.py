@@ -66,7 +66,7 @@ class State:
     """What a batch is doing.
 
     Attributes:
-        running: The runs that are scored on this machine, the oldest first.
+        running: The runs that are scored on this machine, or that a cluster has, the oldest first.
         waiting: What is waited for; `None` while results come.
     """
 

@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -144,6 +145,16 @@ def is_killed_beside_others(task: RunTask, setting: BatchSetting, earlier: bytes
     if "bad" in task.trial and not mark.exists():
         mark.touch()
         return replace(lost(task, "killed", "from outside"), put_off=True)
+    return measure_isolated(task, setting, earlier)
+
+
+def goes_on_when_it_was_seen(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
+    """One run waits, a minute at most, until somebody has noticed it."""
+    end_s = time.monotonic() + 60
+    while (
+        "bad" in task.trial and not Path(task.path).with_suffix(".seen").exists() and time.monotonic() < end_s
+    ):
+        time.sleep(0.05)
     return measure_isolated(task, setting, earlier)
 
 

@@ -27,6 +27,7 @@ from ariac_score.batch import address, local, patience, store
 from ariac_score.batch.local import LocalExecutor
 from ariac_score.batch.outcomes import summary_of
 from ariac_score.batch.patience import Patience
+from ariac_score.batch.state import State
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask
 from ariac_score.batch.worker import Done, parse_report, report_of
 from ariac_score.cli import main
@@ -734,6 +735,34 @@ def test_a_run_that_is_killed_again_and_again_on_a_cluster_is_tried_at_last(
         }
 
     assert list(found.items()) == [("a.jsonl", "scored"), ("0_bad.jsonl", "scored")]
+
+
+def test_while_a_cluster_gives_nothing_the_run_that_it_has_is_named_with_its_worker(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setattr("ariac_score.batch.dask.measure_isolated", hands.goes_on_when_it_was_seen)
+    monkeypatch.setattr("ariac_score.batch.dask.LOOK_S", 0.1)
+    shutil.copyfile(trials / "a.jsonl", trials / "0_bad.jsonl")
+    seen = []
+
+    def on_state(state: State) -> None:
+        seen.extend(state.running)
+        if state.running:
+            (trials / "0_bad.seen").touch()
+
+    with cluster(1) as made:
+        (worker,) = made.scheduler.workers
+        setting = BatchSetting.of(load_rule_set(RULES), Limits(120.0, 0))
+        from ariac_score.batch.dask import dask_executor  # noqa: PLC0415  # of an extra
+
+        executor = dask_executor(jobs=0, scheduler=made.scheduler_address, out=tmp_path, work=tmp_path)
+        executor.on_state = on_state
+        (done,) = executor.run([RunTask("", "0_bad.jsonl", 1, str(trials / "0_bad.jsonl"))], setting)
+
+    assert (seen[0].key, seen[0].doing) == (("", "0_bad.jsonl", 1), f"at {worker}")
+    assert summary_of(done.document or b"").outcome == "scored"
 
 
 def test_workers_that_cannot_work_end_the_batch_and_not_the_runs(

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +22,7 @@ from ariac_score import load_rule_set
 from ariac_score.batch import patience
 from ariac_score.batch.index import Row
 from ariac_score.batch.isolated import measure_isolated
+from ariac_score.batch.state import OnState, State, unwatched
 from ariac_score.batch.store import Store
 from ariac_score.batch.supervise import Executor, Report, run_batch
 from ariac_score.batch.tasks import BatchSetting, Limits, RunTask, plan_batch
@@ -92,11 +94,13 @@ class Staying(executors.RayExecutor):
             yield from super().run(tasks, setting)
 
 
-def score(trials: Path, out: Path, executor: Executor) -> Report:
+def score(trials: Path, out: Path, executor: Executor, on_state: OnState = unwatched) -> Report:
     plan, rule_set, store = plan_batch(trials, RULES), load_rule_set(RULES), Store(out)
     setting = BatchSetting.of(rule_set, Limits(wall_s=120.0))
     with store.working() as work:
-        return run_batch(plan.tasks, rule_set, setting, store, work, executor, name=plan.id)
+        return run_batch(
+            plan.tasks, rule_set, setting, store, work, executor, name=plan.id, on_state=on_state
+        )
 
 
 def rows(out: Path) -> dict[str, Row]:
@@ -136,6 +140,30 @@ def test_workers_that_are_lost_cost_their_runs_nothing(trials: Path, tmp_path: P
 
     assert len(list(marks.iterdir())) == len(NAMES) + 1
     assert same(tmp_path / "here", tmp_path / "there")
+
+
+@pytest.mark.usefixtures("cluster")
+def test_while_a_cluster_gives_nothing_the_runs_that_it_has_are_named(
+    trials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "LOOK_S", 0.1)
+    noticed, seen = tmp_path / "noticed", set[tuple[str, str]]()
+
+    def measure(task: RunTask, setting: BatchSetting, earlier: bytes) -> Done:
+        end_s = time.monotonic() + 60
+        while "cut" in task.trial and not noticed.exists() and time.monotonic() < end_s:
+            time.sleep(0.05)
+        return measure_isolated(task, setting, earlier)
+
+    def on_state(state: State) -> None:
+        seen.update((run.key[1], run.doing) for run in state.running)
+        if ("cut.jsonl", "given to the cluster") in seen:
+            noticed.touch()
+
+    score(trials, tmp_path / "out", Staying(measure=measure), on_state)
+
+    assert noticed.exists()
+    assert rows(tmp_path / "out")["cut.jsonl"].summary.outcome == "unreadable"
 
 
 @pytest.mark.usefixtures("cluster")
