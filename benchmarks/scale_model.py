@@ -1,7 +1,8 @@
 """What a season costs at any size: a discrete simulation, fitted to small seasons, held against a larger one.
 
     python benchmarks/scale_model.py                           # fit, predict, and 10^6 trials of 1 GB
-    python benchmarks/scale_model.py --measure 100 300 1000    # measure on an idle machine, and fit that
+    python benchmarks/scale_model.py --measure 100 300 1000    # measure here, and fit that
+    python benchmarks/scale_model.py --measure 100 300 1000 --workers 8    # on a Dask cluster of this machine
 
 The simulation is of what docs/scale.md describes. A supervisor plans and hands out runs, one after the
 other; workers fetch a run, score it in a process of its own and send the result; the supervisor stores it,
@@ -14,12 +15,16 @@ from __future__ import annotations
 import argparse
 import heapq
 import json
+import os
 import random
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -187,24 +192,87 @@ DOLLARS_PER_CORE_HOUR, DOLLARS_PER_THOUSAND_GETS = 0.04, 0.0004
 """List prices of a large cloud for machines that may be taken away, and for reading within a region."""
 
 
-def measure(sizes: Sequence[int]) -> list[dict[str, float]]:
-    """Score seasons of these sizes, on the clock."""
+@contextmanager
+def here(_workers: int) -> Iterator[tuple[list[str], Callable[[], float]]]:
+    """No cluster: how `batch` is told of it, and what it has taken of the processor, s."""
+    yield [], time.process_time
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[tuple[list[str], Callable[[], float]]]:
+    """A Dask cluster of this machine, likewise."""
+    import distributed  # noqa: PLC0415  # an extra
+    import psutil  # noqa: PLC0415  # comes with it
+
+    options = {"threads_per_worker": 1, "dashboard_address": ":0", "host": "127.0.0.1", "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=workers, processes=True, **options) as made:
+        processes = [psutil.Process(nanny.pid) for nanny in made.workers.values()]
+
+        def taken_s() -> float:
+            return time.process_time() + sum(sum(each.cpu_times()[:2]) for each in processes)
+
+        yield ["--executor", "dask", "--scheduler", made.scheduler_address], taken_s
+
+
+def measure(sizes: Sequence[int], workers: int) -> list[dict[str, float]]:
+    """Score seasons of these sizes, and each once more, when there is nothing to do.
+
+    What they take of the processor depends little on what else a machine does; time on the clock does.
+
+    Args:
+        sizes: In trials.
+        workers: Of a Dask cluster; 0: without one.
+    """
     from batch import make_trials  # noqa: PLC0415  # beside this program
 
     found = []
-    with tempfile.TemporaryDirectory() as work:
-        for size in sizes:
-            trials = Path(work, str(size))
+    place = cluster if workers else here
+    with tempfile.TemporaryDirectory() as work, place(workers) as (told, cluster_s):
+        for number, size in enumerate([sizes[0], *sizes] if workers else sizes):
+            trials = Path(work, str(number))
             make_trials(trials, size)
-            command = [sys.executable, "-m", "ariac_score", "-q", "batch", str(trials)]
-            began = time.monotonic()
-            out = ["--rules", "ariac2024.official", "-o", f"{trials}.out"]
-            subprocess.run([*command, *out], check=True, stdout=subprocess.DEVNULL)
-            wall = time.monotonic() - began
-            # On an idle machine both cores are busy all the time: processor time is not measured apart.
-            found.append({"trials": size, "processor_s": 2 * wall, "supervisor_s": 0.01, "wall_s": wall})
-            print(f"{size:7} trials  {wall:8.1f} s")
+            command = [
+                "-q",
+                "batch",
+                str(trials),
+                "--rules",
+                "ariac2024.official",
+                "-o",
+                f"{trials}.out",
+                *told,
+            ]
+            before_s = cluster_s()
+            said, own_s, mib, wall_s = _called(command)
+            around_s = cluster_s() - before_s
+            (scored_s,) = re.findall(r"([\d.]+) s of processor time", said)
+            _, _, _, again_s = _called(command)
+            row = {
+                "trials": size,
+                "processor_s": round(float(scored_s) + own_s + around_s, 3),
+                "supervisor_s": round(own_s, 3),
+                "wall_s": round(wall_s, 2),
+                "again_s": round(again_s, 2),
+                "supervisor_mib": round(mib, 1),
+            }
+            if number or not workers:  # the workers import everything in their first season
+                found.append(row)
+            print(json.dumps(row), flush=True)
+            shutil.rmtree(trials)
+            shutil.rmtree(f"{trials}.out")
     return found
+
+
+def _called(arguments: Sequence[str]) -> tuple[str, float, float, float]:
+    """What a command said, what it took without its trials, s, its peak memory, MiB, and s on the clock."""
+    began = time.monotonic()
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as said:
+        command = subprocess.Popen([sys.executable, "-m", "ariac_score", *arguments], stdout=said)
+        _, status, used = os.wait4(command.pid, 0)
+        command.returncode = os.waitstatus_to_exitcode(status)
+        if command.returncode:
+            raise subprocess.CalledProcessError(command.returncode, command.args)
+        said.seek(0)
+        return said.read(), used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, time.monotonic() - began
 
 
 def main() -> int:
@@ -212,10 +280,11 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--measure", type=int, nargs="+", metavar="TRIALS", help="at least three sizes")
+    parser.add_argument("--workers", type=int, default=0, metavar="N", help="on a Dask cluster of so many")
     told = parser.parse_args()
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     if told.measure:
-        figures = {"here": measure(sorted(told.measure))}
+        figures = {"here": measure(sorted(told.measure), told.workers)}
     for largest, predicted, measured in held(figures):
         off = predicted / measured - 1
         print(
