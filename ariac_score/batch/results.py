@@ -138,9 +138,9 @@ def _result(row: Row, folder: Path, rule_set: RuleSet | None, *, sketches: bool)
             if rule_set is not None:
                 _refuse_priced_otherwise(result, folder / row.object, rule_set)
             return result if sketches else without_sketch(result)
-        except ResultError:
+        except ResultError as error:
             if not summary.reason:
-                raise
+                raise BatchError(error.cause, file=folder / row.object, hint=AGAIN) from error
     if summary.outcome in ("crashed", "cancelled"):
         return RunEndedError(summary.reason, outcome=summary.outcome)
     if summary.outcome == "no_value":

@@ -139,6 +139,34 @@ def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
 
 
 @pytest.mark.slow
+def test_a_result_of_a_batch_that_was_rewritten_with_its_row_is_not_ranked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    write_trial_log(Path("a/kit_1.jsonl"), kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
+    Path("competition.yaml").write_text(text, encoding="utf-8")
+    assert main(["batch", ".", "-o", "season", "-j", "1"]) == 0
+    table = Path("season/runs.jsonl")
+    row = json.loads(table.read_text(encoding="utf-8"))
+    result = Path("season", row["object"])
+    forged = result.read_text(encoding="utf-8").replace(f'"score": {row["score"]}', '"score": 99.0')
+    result.write_text(forged, encoding="utf-8")
+    sha256 = hashlib.sha256(forged.encode("utf-8")).hexdigest()
+    table.write_text(json.dumps({**row, "score": 99.0, "sha256": sha256}) + "\n", encoding="utf-8")
+    capsys.readouterr()
+
+    assert main(["rank", ".", "--batch", "season"]) == 7
+
+    said = capsys.readouterr()
+    assert "99.0" in said.err
+    assert str(result) in said.err
+    assert said.out == ""
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("more", "said"), [("", 1), ("completeness: believed", 0)])
 def test_runs_whose_logs_nobody_attests_are_counted_once_where_the_rules_leave_it_open(
     more: str, said: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
