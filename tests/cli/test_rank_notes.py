@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -118,19 +119,24 @@ def test_recordings_that_two_runs_share_are_named_at_both_teams(
     assert "  c: kit" not in out
 
 
-@pytest.mark.slow
-def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
+def _scored_season(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, dict[str, Any]]:
+    """The table of a batch of one run, in the folder `season` of the working directory, and its row."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.chdir(folder)
     Path("a").mkdir()
     write_trial_log(Path("a/kit_1.jsonl"), kitting_trial(), signals=SNAPSHOT_SIGNALS)
     text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
     Path("competition.yaml").write_text(text, encoding="utf-8")
     assert main(["batch", ".", "-o", "season", "-j", "1"]) == 0
     table = Path("season/runs.jsonl")
-    row = json.loads(table.read_text(encoding="utf-8"))
+    return table, json.loads(table.read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table, row = _scored_season(tmp_path, monkeypatch)
     table.write_text(json.dumps({**row, "score": 99.0}) + "\n", encoding="utf-8")
 
     assert main(["rank", ".", "--batch", "season"]) == 7
@@ -142,15 +148,7 @@ def test_a_table_of_a_batch_that_says_another_score_than_its_result_is_named(
 def test_a_result_of_a_batch_that_was_rewritten_with_its_row_is_not_ranked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-    Path("a").mkdir()
-    write_trial_log(Path("a/kit_1.jsonl"), kitting_trial(), signals=SNAPSHOT_SIGNALS)
-    text = "{id: cup, rules: paper2020.published, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
-    Path("competition.yaml").write_text(text, encoding="utf-8")
-    assert main(["batch", ".", "-o", "season", "-j", "1"]) == 0
-    table = Path("season/runs.jsonl")
-    row = json.loads(table.read_text(encoding="utf-8"))
+    table, row = _scored_season(tmp_path, monkeypatch)
     result = Path("season", row["object"])
     forged = result.read_text(encoding="utf-8").replace(f'"score": {row["score"]}', '"score": 99.0')
     result.write_text(forged, encoding="utf-8")
