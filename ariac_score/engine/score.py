@@ -183,7 +183,7 @@ def score_parts(
     jobs: int = 0,
     known: Result | None = None,
     partial: bool = False,
-    hashed: bool = True,
+    growing: bool = False,
 ) -> Result:
     """Score the parts of a trial that were found at a path.
 
@@ -193,13 +193,13 @@ def score_parts(
         readers: By name.
         prepared: The rule set.
         progress, trial_id, team, jobs, known, partial: As for `score_trial`.
-        hashed: Whether the result names its files with their hashes: not while they are being written.
+        growing: Whether the files are still being written: then they are not hashed, and nothing is drawn.
 
     Raises:
         ScoreError: As `score_trial` does.
     """
     refuse_unlikely(bundle, readers, prepared)
-    with hashing_files(bundle, threaded=jobs != 1 and hashed) as hashes:
+    with hashing_files(bundle, threaded=jobs != 1 and not growing) as hashes:
         trial = read_needed(
             bundle,
             readers,
@@ -214,9 +214,9 @@ def score_parts(
         trial = prepared.derived(with_defects(trial, prepared))
         with _naming(path, trial.id):
             measured = measure_trial(trial, prepared, known=known)
-        sketch = sketch_trial(trial, prepared, measured)
-        inputs = hashes() if hashed else ()
-    if hashed:
+        sketch = None if growing else sketch_trial(trial, prepared, measured)
+        inputs = () if growing else hashes()
+    if not growing:
         refuse_other_contents(bundle, inputs)
     # After the checks: neither may influence a finding.
     measured = replace(measured, sketch=sketch, settings=settings_of(prepared, measured))

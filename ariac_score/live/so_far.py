@@ -105,7 +105,7 @@ class SoFar:
         )
         readers = {**self._readers, self._log: reader}
         result = score_parts(
-            self._file, self._bundle, readers, self._prepared, jobs=1, partial=True, hashed=False
+            self._file, self._bundle, readers, self._prepared, jobs=1, partial=True, growing=True
         )
         if reader.trial is not None:
             self._settle(reader.trial)
