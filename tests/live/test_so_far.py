@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,8 +12,10 @@ from ariac_score.live import so_far as so_far_module
 from ariac_score.live.running import Running
 from ariac_score.live.source import source_at
 from ariac_score.live.watch import Settings, Watch
+from ariac_score.monitors import monitor as monitors
 from ariac_score.results.result import Result
 from ariac_score.testing import write_bag
+from ariac_score.trial.model import Trial
 from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.recordings import recorded_messages
 
@@ -99,6 +102,26 @@ def test_motion_that_is_settled_is_let_go(tmp_path: Path, monkeypatch: pytest.Mo
 
     # At 100 Hz: what was kept at most is less than half of what came.
     assert max(kept) < 2000
+
+
+@pytest.mark.slow
+def test_no_time_that_is_settled_is_looked_at_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked_s: list[float] = []
+    real = monitors.watch_subjects
+
+    def watched(trial: Trial, *others: Any, **named: Any) -> Any:
+        if trial.window is not None:
+            looked_s.append(trial.window.duration_s)
+        return real(trial, *others, **named)
+
+    monkeypatch.setattr(monitors, "watch_subjects", watched)
+    _states(EXAMPLE, 700, tmp_path / "seen.mcap")
+
+    # Of 40 s. The last look of all is that at the recording, which ends the trial.
+    so_far_s, whole_s = looked_s[:-4], looked_s[-4:]
+    assert max(whole_s) > 35
+    assert len(so_far_s) > 4
+    assert max(so_far_s) < 20
 
 
 @pytest.mark.slow
