@@ -37,6 +37,7 @@ from ariac_score.errors import LogError, OtherFactError, UsageError
 from ariac_score.logs.bundle import Bundle, with_parts
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.results.result import Result
+from ariac_score.results.sketch import sketch_of_work
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Trial
@@ -193,7 +194,7 @@ def score_parts(
         readers: By name.
         prepared: The rule set.
         progress, trial_id, team, jobs, known, partial: As for `score_trial`.
-        growing: Whether the files are still being written: then they are not hashed, and nothing is drawn.
+        growing: Whether the files are still being written: then they are not hashed, and no motion is drawn.
 
     Raises:
         ScoreError: As `score_trial` does.
@@ -214,7 +215,8 @@ def score_parts(
         trial = prepared.derived(with_defects(trial, prepared))
         with _naming(path, trial.id):
             measured = measure_trial(trial, prepared, known=known)
-        sketch = None if growing else sketch_trial(trial, prepared, measured)
+        words = prepared.words.spoken
+        sketch = sketch_of_work(trial, words) if growing else sketch_trial(trial, prepared, measured)
         inputs = () if growing else hashes()
     if not growing:
         refuse_other_contents(bundle, inputs)

@@ -53,6 +53,9 @@ _FIRST_NUMBER = 1 << 20
 """Channels are numbered so far apart that nobody takes their numbers for one count of all messages."""
 
 
+LOOK_EVERY_S = 0.1
+"""How far apart looks at the margins are in a trial that comes all at once, as chunks of recordings do, s."""
+
 CHEAP_LOOK_S = 0.01
 """A look at the margins that takes no more of a processor may follow the one before at once."""
 
@@ -170,7 +173,7 @@ class Watch:
     def _listen(self, intake: _Intake, asking: _Asking) -> None:
         """Take items until nothing comes any more."""
         settings, gone_s, over_s = self._settings, None, None
-        shown, next_tail_s = 0, 0.0
+        shown, next_tail_s, next_of_trial_s = 0, 0.0, 0.0
         while not self._stopped:
             item = self._source.next(_WAIT_S)
             if isinstance(item, Ended):
@@ -185,13 +188,15 @@ class Watch:
                 self.stop(f"the source was gone for {settings.patience_s:g} s")
             if over_s is not None and now_s - over_s > settings.grace_s:
                 self.stop("the competition has ended")
-            if now_s >= next_tail_s and intake.messages != shown:
+            due = now_s >= next_tail_s or intake.elapsed_s >= next_of_trial_s
+            if due and intake.messages != shown:
                 shown, began_s = intake.messages, time.thread_time()
                 now, places = intake.tail.moment(intake.elapsed_s)
                 said = replace(self.state, now=now, places=places, elapsed_s=intake.elapsed_s)
                 self._tell(replace(said, messages=shown))
-                cost_s = time.thread_time() - began_s
-                next_tail_s = self._now_s() + settings.until_next_look_s(cost_s)
+                wait_s = settings.until_next_look_s(time.thread_time() - began_s)
+                next_tail_s = self._now_s() + wait_s
+                next_of_trial_s = intake.elapsed_s + max(wait_s, LOOK_EVERY_S)
             result = asking.look(intake, now_s)
             if result is not None and result.measured.cut is not None and result.measured.cut.ended:
                 over_s = now_s if over_s is None else over_s

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,7 @@ __all__ = [
     "Sketch",
     "extremes",
     "sketch_of",
+    "sketch_of_work",
 ]
 
 
@@ -236,19 +237,32 @@ def sketch_of(
         _curve(check, drawn[check, subject], moments.get((check, subject), ()), stretches, finer)
         for check, subject in sorted(drawn)
     )
-    return Sketch(
+    return replace(
+        sketch_of_work(trial, words),
         curves=tuple(curve for curve in curves if curve is not None),
         routes=tuple(_routes(trial, instants_s)),
+    )
+
+
+def sketch_of_work(trial: Trial, words: Mapping[str, Sequence[str]] = MappingProxyType({})) -> Sketch:
+    """What was asked for and handed in of a trial, without its motion.
+
+    Args:
+        trial: The trial.
+        words: What people call the items of each level, one and many.
+    """
+    brought = (
+        HandedIn(
+            one.item_id,
+            _rounded(one.submitted_s),
+            getattr(one, "words", ""),
+            getattr(one, "shown_contents", None),
+        )
+        for one in trial.submissions
+    )
+    return Sketch(
         asked=tuple(_asked(trial.work)),
-        brought=tuple(
-            HandedIn(
-                one.item_id,
-                _rounded(one.submitted_s),
-                getattr(one, "words", ""),
-                getattr(one, "shown_contents", None),
-            )
-            for one in trial.submissions
-        ),
+        brought=tuple(brought),
         levels=tuple(LevelWords(level, one, many) for level, (one, many) in sorted(words.items())),
     )
 

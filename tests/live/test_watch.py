@@ -210,6 +210,27 @@ def test_the_running_score_holds_the_final_one(tmp_path: Path) -> None:
         assert one.margin == pytest.approx(float(np.interp(one.at_s, chart.t, chart.margin)), abs=1e-6)
 
 
+def test_what_comes_all_at_once_has_its_margins_all_the_same(tmp_path: Path) -> None:
+    """As a chunk of a recording that grows: no time passes while all of it is taken in."""
+    states: list[Running] = []
+    settings = Settings(period_s=1e9, tail_period_s=0.001, tail_share=1.0, least_tail_share=1.0, apart=False)
+    watch = Watch(
+        Made(iter(_items())),
+        prepare("paper2020.published"),
+        tmp_path / "seen.mcap",
+        settings=settings,
+        told=states.append,
+        now_s=lambda: 0.0,
+    )
+    watch.run()
+
+    shown = sorted({one.at_s for state in states for one in state.now if one.check == "separation"})
+    # The competition ends at 38 s, and with it what is asked of anybody.
+    assert (shown[0], shown[-1]) == (pytest.approx(0.0, abs=0.2), pytest.approx(38.0, abs=0.2))
+    assert max(np.diff(shown)) < 0.15
+    assert len(shown) < 500  # of 4000 samples
+
+
 def _margins_of_all(recording: Path) -> list[Chart]:
     prepared = prepare("paper2020.published")
     each = prepared.checks["separation"]
