@@ -407,7 +407,9 @@ def _challenges(_: Path) -> Seeds:
 def _batch_rows(_: Path) -> Seeds:
     checks = (CheckCounts("separation", -0.25, satisfied=2, violated=1, inconclusive=0, not_applicable=0),)
     rows = [
-        Row.of(("a", "kit_1", 1), Summary("scored", "", 19.5, 20.0, checks), "objects/00/0.json", "0" * 64),
+        Row.of(
+            ("a", "kit_1", 1), Summary("scored", "", 19.5, 20.0, checks), "objects/00/00/0.json", "0" * 64
+        ),
         Row.of(("b", "kit_1", 1), Summary("crashed", "signal 11", None, None)),
     ]
     yield "two", "".join(row.as_line() for row in rows).encode()

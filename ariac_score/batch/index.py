@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -349,8 +350,10 @@ def _newer(document: bytes) -> str:
 
 def is_object(name: str) -> bool:
     """Whether a name, which comes out of a file, leads to a result and nowhere else."""
-    parts = name.split("/")
-    return len(parts) == 4 and parts[0] == "objects" and all(p and p.strip(".") for p in parts)
+    return _OBJECT.fullmatch(name) is not None
+
+
+_OBJECT = re.compile(r"objects/[0-9a-f]{2}/[0-9a-f]{1,64}/[0-9a-f]{1,64}\.json", re.ASCII)
 
 
 def _agrees(row: Row, document: bytes) -> bool:

@@ -17,6 +17,7 @@ Results go to stdout, everything else to stderr.
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -30,7 +31,7 @@ from ariac_score.cli import settings
 from ariac_score.cli.completion import ASKED, SCRIPTS, PrintCompletion, print_candidates
 from ariac_score.cli.notes import is_apart
 from ariac_score.cli.parser import EXIT_USAGE, Parser, add_everywhere, command_in, leaves
-from ariac_score.errors import ScoreError
+from ariac_score.errors import ScoreError, UsageError
 from ariac_score.installed.captured_output import fault_of, keep_results_apart
 from ariac_score.installed.running import listen_for_interrupts
 from ariac_score.terminal.output import discard_output
@@ -173,6 +174,26 @@ def _with_format(arguments: argparse.Namespace) -> argparse.Namespace:
     return arguments
 
 
+def _refuse_overlong_paths(arguments: argparse.Namespace) -> None:
+    """Refuse names that no file can have, which many a question about a file answers with an error.
+
+    Raises:
+        UsageError: A path, or a name in it, is longer than the system takes.
+    """
+    for name, value in vars(arguments).items():
+        for path in value if isinstance(value, list) else (value,):
+            if not isinstance(path, Path) and name != "path":  # which may be an address as well
+                continue
+            try:
+                os.lstat(path)
+            except OSError as error:
+                if error.errno == errno.ENAMETOOLONG:
+                    shown = f"{str(path)[:60]}…"
+                    raise UsageError(
+                        f"the file name {shown!r} is too long", hint="is it a text in place of a path?"
+                    ) from None
+
+
 def _said_of_files(given: Sequence[str]) -> dict[str, Any]:
     """What a command line says of files with settings, which has to be known before it is parsed."""
     named = [word.partition("=")[2] for word in given if word.startswith("--config=")]
@@ -190,6 +211,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if given and given[0] == ASKED:
             return print_candidates(given[1:], _parser)
         arguments = _arguments(given)
+        _refuse_overlong_paths(arguments)
         arguments.given = list(given)  # for a command that runs itself in another process
         author = getattr(arguments, "author", "")
         code = int(arguments.run(arguments))

@@ -101,9 +101,12 @@ _INTERRUPTS = _Interrupts()
 
 def listen_for_interrupts() -> None:
     """Tell from now on the interrupt of a person, which comes as a signal, from one that a plugin raises."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        _INTERRUPTS.heard = False
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, _INTERRUPTS.take)
+    elif handler is not signal.SIG_IGN:  # of a program that we are part of: it may raise what it likes
+        return
+    _INTERRUPTS.heard = False  # nobody interrupts what ignores signals, as in the background of a script
 
 
 def was_interrupted() -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,10 @@ def path_of_rule_set(name: str, folder: Path, registry: Registry) -> Path:
         return registry.file(GROUP, name).path
     except PluginNotFoundError:
         known = did_you_mean(name, rule_set_names(registry), what="installed rule sets")
-        files = (f"{name}{end}" for end in (".yaml", ".yml"))
-        beside = next((file for file in files if (folder / file).is_file()), "")
+        beside = ""
+        with suppress(OSError, ValueError):  # some names can be that of no file
+            files = (f"{name}{end}" for end in (".yaml", ".yml"))
+            beside = next((file for file in files if (folder / file).is_file()), "")
         known += f"{' A' if known.endswith('?') else '; a'} path to a .yaml file works too"
         raise UsageError(
             f"there is no rule set {name!r}", hint=f"did you mean the file {beside!r}?" if beside else known

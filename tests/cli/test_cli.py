@@ -96,6 +96,25 @@ def test_a_usage_error_has_its_own_exit_code_and_points_to_help(
     assert "--help" in err
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["score", "LONG", "--rules", "paper2020"],
+        ["score", "t.jsonl", "--rules", "paper2020", "--trial-config", "LONG"],
+        ["explain", "LONG"],
+        ["batch", "LONG", "--rules", "paper2020", "-o", "out"],
+    ],
+)
+def test_a_name_that_no_file_can_have_is_a_mistake_in_the_command(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was called an output that cannot be written, or a broken plugin."""
+    code = main([word.replace("LONG", "x" * 300) for word in command])
+
+    assert code == 4
+    assert capsys.readouterr().err.startswith(f"error: the file name '{'x' * 60}…' is too long\nhint: ")
+
+
 def test_version_and_help_need_neither_numpy_nor_rosbags_nor_plugins() -> None:
     code = (
         "import sys; from ariac_score.cli import main\n"

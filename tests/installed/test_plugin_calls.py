@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -147,7 +147,9 @@ NAMED = {
 }
 
 
-def scored(folder: Path, body: str, *more: str) -> subprocess.CompletedProcess[str]:
+def scored(
+    folder: Path, body: str, *more: str, before: Sequence[str] = ()
+) -> subprocess.CompletedProcess[str]:
     (folder / "ours.py").write_text(FILE.format(body=body), encoding="utf-8")
     (folder / "rules.yaml").write_text(
         "{id: ours, title: ours, source: test, log_map: ariac2020, score: 10 * holds(spoils), "
@@ -157,7 +159,7 @@ def scored(folder: Path, body: str, *more: str) -> subprocess.CompletedProcess[s
     write_trial_log(folder / "trial.jsonl", near_miss_trial())
     command = ["score", "trial.jsonl", "--rules", "rules.yaml", "--local-plugins", "--output-format", "json"]
     return subprocess.run(
-        [sys.executable, "-m", "ariac_score.cli", *command, *more],
+        [*before, sys.executable, "-m", "ariac_score.cli", *command, *more],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -183,6 +185,18 @@ def test_a_plugin_that_misbehaves_is_named(tmp_path: Path, name: str) -> None:
 
     assert (done.returncode, done.stdout) == (3, "")
     assert done.stderr.startswith("error: check 'spoils': plugin ./ours.py:Spoils (local file ")
+    assert words in done.stderr.splitlines()[0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="there is no shell that ignores the signal")
+def test_an_interrupt_is_that_of_the_plugin_in_the_background_of_a_script_too(tmp_path: Path) -> None:
+    """Which has its programs ignore the signal, so that no person can have sent it."""
+    body, words = NAMED["raises an interrupt"]
+
+    done = scored(tmp_path, body, before=("sh", "-c", "trap '' INT; exec \"$@\"", "sh"))
+
+    assert (done.returncode, done.stdout) == (3, "")
     assert words in done.stderr.splitlines()[0]
 
 

@@ -374,6 +374,17 @@ def test_an_mcap_file_that_contradicts_itself_is_refused(
     assert cause in refusal(path).cause
 
 
+def test_a_channel_whose_metadata_are_longer_than_its_record_is_refused(tmp_path: Path) -> None:
+    """The library of the format reads on into the next record, and loses every message behind it."""
+    path, whole = tmp_path / "t.mcap", _mcap(CHANNEL, MESSAGE)
+    assert whole.count(CHANNEL) == 1
+    assert CHANNEL.endswith(bytes(4)), "it has no metadata"
+
+    path.write_bytes(whole.replace(CHANNEL, CHANNEL[:-4] + struct.pack("<I", 1)))
+
+    assert "a text of 1 bytes is longer than its record" in refusal(path).cause
+
+
 def test_data_whose_end_is_not_named_are_refused(tmp_path: Path) -> None:
     """With the record goes the checksum in it, which then nothing would be held against."""
     path, whole = tmp_path / "t.mcap", _mcap(CHANNEL, MESSAGE)

@@ -388,7 +388,12 @@ def test_a_parameter_that_is_no_finite_number_is_refused_with_its_line(
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("paper202", "did you mean 'paper2020'?"), ("", "installed rule sets"), ("x y", "a path to")],
+    [
+        ("paper202", "did you mean 'paper2020'?"),
+        ("", "installed rule sets"),
+        ("x y", "a path to"),
+        ("x" * 300, "a path to"),
+    ],
 )
 def test_an_unknown_rule_set_is_a_mistake_in_the_command(name: str, hint: str) -> None:
     with pytest.raises(UsageError, match="there is no rule set") as refused:

@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Literal
 
+from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
@@ -51,6 +52,10 @@ _LONGEST_SEQUENCE = 1 << 24
 _MOST_LINES = 10_000
 """Lines of a definition. Large ones of real robots have some thousand, comments included. The time that
 rosbags takes grows with the square of the fields: a hostile definition of a megabyte would take minutes."""
+
+
+_MOST_UNROLLED = 10_000
+"""Elements of arrays of a fixed length: for each text and message in one, rosbags writes lines of code."""
 
 
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
@@ -204,8 +209,33 @@ def _typestore_for(
     with _refusing_definitions():
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE
-        store.register(_types_of(name, definition_format, definition, unit))
+        types = _types_of(name, definition_format, definition, unit)
+        _refuse_long_arrays(types)
+        store.register(types)
         return store
+
+
+def _refuse_long_arrays(types: Typesdict) -> None:
+    """Refuse arrays of a fixed length for which rosbags would write more code than a machine can hold.
+
+    Raises:
+        UnknownTypeError: They have too many elements, all types together.
+    """
+    elements = sum(_unrolled(field) for _, fields in types.values() for _, field in fields)
+    if elements > _MOST_UNROLLED:
+        raise UnknownTypeError(
+            f"arrays of texts or messages in the recording's definition of it have {elements} elements,"
+            f" {_MOST_UNROLLED} are allowed"
+        )
+
+
+def _unrolled(field: Any) -> int:
+    """Elements of a field for each of which there is code."""
+    kind, of = field
+    if kind != Nodetype.ARRAY:
+        return 0
+    (element, name), length = of
+    return 0 if element == Nodetype.BASE and name[0] != "string" else max(length, 0)
 
 
 @contextmanager

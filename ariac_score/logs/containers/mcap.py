@@ -339,6 +339,7 @@ class McapScan(ChunkedScan):
         key, schema = struct.unpack_from("<HH", body)
         topic, at = _text(body, 4)
         encoding, at = _text(body, at)
+        _text(body, at)  # its metadata: other readers would take the next record for the rest of them
         if key in self._connections:
             if (self._schema_of[key], self._connections[key].topic) != (schema, topic):
                 raise ValueError(f"channel {key} is declared twice, differently")
