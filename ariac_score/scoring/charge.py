@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from ariac_score.checks.depth import FILLED_S
 from ariac_score.checks.findings import Finding, Verdict
@@ -94,8 +94,7 @@ def _pressing(finding: Finding, severity: Number) -> Iterator[tuple[float, float
         yield begins_s, ends_s, 1 if severity == 0 else depth if severity == 1 else depth**severity
 
 
-@dataclass(frozen=True, order=True)
-class _Weighing:
+class _Weighing(NamedTuple):
     """One step of a violation while it weighs; the heaviest sorts first, then the lowest id."""
 
     # The order of the fields is the sort order; of equal weights the id decides, so that the
