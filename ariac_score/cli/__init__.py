@@ -34,7 +34,6 @@ from ariac_score.cli.parser import EXIT_USAGE, Parser, add_everywhere, command_i
 from ariac_score.errors import ScoreError, UsageError
 from ariac_score.installed.captured_output import fault_of, keep_results_apart
 from ariac_score.installed.running import listen_for_interrupts
-from ariac_score.terminal.output import discard_output
 from ariac_score.terminal.style import plain, style_for
 
 __all__ = ["main", "program"]
@@ -148,7 +147,7 @@ def program() -> NoReturn:
     finally:
         sys.stdout = sys.__stdout__  # which leads to standard error now
         if results is not None:
-            with suppress(BrokenPipeError, ValueError):  # who reads it has gone, or a plugin has closed it
+            with suppress(ValueError):  # a plugin has closed it
                 results.close()
     sys.exit(code)
 
@@ -219,9 +218,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        discard_output()
-        return code  # of a command that is done: a score that is withheld stays so, whoever reads it
     except OSError as error:
         # Readers raise errors of their own, so it is the output that cannot be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

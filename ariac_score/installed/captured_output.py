@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from decimal import localcontext
-from typing import IO, NamedTuple, TextIO
+from typing import IO, Any, NamedTuple, TextIO
 
 from ariac_score.errors import PluginError
 from ariac_score.installed.running import EndedError, running, was_interrupted
@@ -72,22 +72,49 @@ def keep_results_apart() -> TextIO | None:
     """Let `sys.stdout` alone lead to standard output from here on, and its descriptor to standard error.
 
     For the process of a command: whatever a plugin starts, or leaves to be done at the end, writes to the
-    descriptor.
+    descriptor. Both streams outlive their readers, as with `| head`: the command goes on, for its exit code
+    is what it finds, whoever reads it.
 
     Returns:
         The stream, to be closed at the end; `None` where there is no standard output.
     """
-    before = sys.stdout
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as for a daemon
+            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115  # until the end
+            setattr(sys, name, nowhere)
+            setattr(sys, f"__{name}__", nowhere)
+    before, errors = sys.stdout, sys.stderr
     try:
-        if before is None or before.fileno() != _STDOUT:
+        if before.fileno() != _STDOUT:
             return None
         before.flush()
         kept = os.dup(_STDOUT)
         os.dup2(_STDERR, _STDOUT)
-    except (OSError, ValueError):  # closed, as for a daemon
+    except (OSError, ValueError):
         return None
-    sys.stdout = os.fdopen(kept, "w", encoding=before.encoding, errors=before.errors)
+    sys.stdout = _outliving(kept, before)
+    if errors.fileno() == _STDERR:
+        sys.stderr = _outliving(_STDERR, errors, closefd=False)
     return sys.stdout
+
+
+class _Outliving(io.FileIO):
+    """What is written to a pipe, and nowhere once its reader has gone."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            return memoryview(data).nbytes
+
+
+def _outliving(descriptor: int, like: TextIO, *, closefd: bool = True) -> TextIO:
+    to_pipe = io.BufferedWriter(_Outliving(descriptor, "w", closefd=closefd))
+    to_person = os.isatty(descriptor) or descriptor == _STDERR
+    return io.TextIOWrapper(to_pipe, encoding=like.encoding, errors=like.errors, line_buffering=to_person)
 
 
 @contextmanager

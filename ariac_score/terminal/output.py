@@ -17,7 +17,6 @@ from ariac_score.terminal.style import plain
 
 __all__ = [
     "counting_bar",
-    "discard_output",
     "progress_bar",
     "refuse_inputs",
     "write",
@@ -36,11 +35,8 @@ def write(text: str, file: str | PathLike[str] | None) -> None:
         UsageError: The file cannot be written.
     """
     if file is None or str(file) == "-":
-        try:
-            sys.stdout.write(text)
-            sys.stdout.flush()
-        except BrokenPipeError:  # the command goes on: its exit code is what it found, whoever reads it
-            discard_output()
+        sys.stdout.write(text)
+        sys.stdout.flush()
     else:
         try:
             path = Path(file)
@@ -61,14 +57,6 @@ def write_bytes(content: bytes, file: Path) -> None:
         UsageError: The file cannot be written.
     """
     _put(lambda out: out.write(content), file)
-
-
-def discard_output() -> None:
-    """Send standard output nowhere from here on, after its reader has gone, as with `| head`.
-
-    Python would still report an error when it flushes at exit.
-    """
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def write_copy(source: Path, file: Path) -> None:
