@@ -125,7 +125,9 @@ def _watch(
             try:
                 result = watch.run()
             except ScoreError as error:
-                if arguments.record and record.is_file():
+                if not arguments.record:
+                    error.file = source.address  # nobody knows the file that is gone afterwards
+                elif record.is_file():
                     error.hint = f"{error.hint}; what was seen is in {record}"
                 raise
             finally:
@@ -152,7 +154,7 @@ def _record_of(arguments: argparse.Namespace, name: str) -> Iterator[Path]:
         return
     note(arguments, "what is seen is not kept: give --record FILE.mcap to score or to show it again")
     with TemporaryDirectory() as folder:
-        yield Path(folder, "watched.mcap")
+        yield Path(folder, "seen.mcap")
 
 
 @contextmanager

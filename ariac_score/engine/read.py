@@ -471,4 +471,4 @@ def _no_work_hint(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -
     alone = f"; what moves in it can be judged alone: --rules {MOTION_RULES}" if trial.bodies else ""
     read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
     looked = f"; also not in the log: {', '.join(others)}" if others else ""
-    return f"record {what}, or add the trial configuration{alone}; read: {read}{looked}"
+    return f"record {what}, or give the trial configuration (--trial-config){alone}; read: {read}{looked}"

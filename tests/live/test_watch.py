@@ -34,7 +34,10 @@ from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.monitors import monitor as monitor_module
 from ariac_score.results.result import Result
+from ariac_score.testing import write_bag
 from ariac_score.trial.chart import Chart
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "kitting_near_miss.mcap"
 RARELY = Settings(period_s=1e9, tail_period_s=1e9, apart=False)
@@ -354,3 +357,19 @@ def test_a_ctrl_c_after_the_end_does_not_lose_the_result_and_a_second_one_ends_t
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_who_came_after_the_order_is_told_what_to_give(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A bridge keeps nothing for who comes late; the error is about the cell, not about a file of ours."""
+    late = tmp_path / "late.mcap"
+    orderless = [m for m in recorded_messages(kitting_trial()) if m.topic != "/ariac/orders"]
+    write_bag(late, orderless, storage="mcap")
+
+    code = main(["watch", f"replay:{late}?speed=0", "--rules", "paper2020"])
+
+    said = capsys.readouterr().err
+    assert code == 5
+    assert f"error: replay:{late}?speed=0: no order was found" in said
+    assert "give the trial configuration (--trial-config)" in said
