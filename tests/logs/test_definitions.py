@@ -93,3 +93,16 @@ def test_a_definition_of_a_hundred_thousand_fields_is_refused_at_once() -> None:
 
     with pytest.raises(UnknownTypeError, match="has 100000 lines"):
         column_decoder_for(connection(text))
+
+
+@pytest.mark.parametrize("of", ["string", "fuzz/B"])
+@pytest.mark.parametrize("length", [9_998, 9_999])
+def test_arrays_of_texts_and_messages_have_ten_thousand_elements_at_most(of: str, length: int) -> None:
+    """Of a fixed length, all types together: for each there is code. Numbers take none, however many."""
+    text = f"{of}[{length}] a\nfloat64[100000] c\n{'=' * 80}\nMSG: fuzz/B\nstring[2] b\nint8[9] d\n"
+
+    if length == 9_998:
+        assert column_decoder_for(connection(text)).paths
+    else:
+        with pytest.raises(UnknownTypeError, match="have 10001 elements, 10000 are allowed"):
+            column_decoder_for(connection(text))
