@@ -53,6 +53,8 @@ APPROACHING_S = 7.0
 """Of the trial: then the person is on the way, and still far."""
 SERVED = ("--serve", "127.0.0.1:0")
 LIMIT_S = 120.0
+SUBSCRIBED_S = 2.0
+"""Time to subscribe to what a bridge offers."""
 
 
 def main(folder: Path) -> None:
@@ -238,8 +240,10 @@ def relayed(address: str) -> Iterator[str]:
             while not over.is_set():
                 item = relay.next(0.02)
                 if isinstance(item, Announced):
-                    server.offer(item.connection)
-                    over.wait(0.1)  # time to subscribe: a bridge keeps nothing for those who come late
+                    channel, end_s = server.offer(item.connection), time.monotonic() + SUBSCRIBED_S
+                    # A bridge keeps nothing for those who come late; topics that nobody wants have none.
+                    while not channel.has_sinks() and time.monotonic() < end_s:
+                        over.wait(0.01)
                 elif isinstance(item, Received):
                     server.send(item.message)
 
