@@ -189,6 +189,14 @@ def under_a_room(folder: Path) -> Copy:
     return made.with_changed(one).with_more(room)
 
 
+def stated_often(folder: Path) -> Copy:
+    """The example of a simulator that says ten times a second what is going on: `go` from 0.5 s on."""
+    words = [(0.1 * k, "init" if k < 5 else "go" if k < 380 else "end_game") for k in range(400)]
+    said = [Recorded(STATE, "std_msgs/msg/String", ns(t_s), {"data": word}) for t_s, word in words]
+    more = Copy.of(write_bag(folder / "states.mcap", said, storage="mcap"))
+    return left_out(of(STATE))(example(folder)).with_more(more.messages)
+
+
 # Attacks ----------------------------------------------------------------------------------------
 
 
@@ -352,6 +360,7 @@ ATTESTED = "completeness: attested\nauthority: {recorder_keys: [KEY]}\n"
 ORDERED = configuration("gear_part_blue")
 HONEST = "19.761677"
 WINDOW = "when it was is stated by nobody: open"
+PAYS_FOR_TIME = "score: 20 / (1 + trial.duration_s / 100)\n"
 MANIFEST = "the recorder's manifest, with `completeness: attested`"
 MISSING, MOVED, PUT_IN = (
     f"it is not what its recorder received: {how}: " for how in ("missing", "moved", "put in")
@@ -364,6 +373,24 @@ ATTACKS = (
         "start and end of the competition left out", ended_early, left_out(of(STATE)), "4.940419", "0", WINDOW
     ),
     Attack("its end left out", ended_early, left_out(at(STATE, 25.0)), "4.940419", "0", WINDOW),
+    Attack(
+        "the same, where rules pay for a short time",
+        example,
+        left_out(at(STATE, 38.0)),
+        "14.492754",  # 38 s: nothing but the first message says that it started by 0.5 s
+        "0",
+        WINDOW,
+        PAYS_FOR_TIME,
+    ),
+    Attack(
+        "what says for 8 s that it runs left out, under the same rules",
+        stated_often,
+        left_out(between(STATE, 0.45, 8.45)),
+        "14.534884",  # 37.6 s, from the last `init` on
+        "14.534884",
+        "it started at some moment of the silence: open",
+        PAYS_FOR_TIME,
+    ),
     Attack(
         "all events left out", collided, left_out(of(EVENTS)), "0", "0", "nobody watched for collisions: open"
     ),
@@ -413,7 +440,7 @@ ATTACKS = (
         example,
         thinned(SNAPSHOT, 2),
         HONEST,
-        "1.671246",
+        "1.668993",
         "the log map states the rate (`rate_hz`): each interval is a gap",
     ),
     Attack(
@@ -421,15 +448,15 @@ ATTACKS = (
         dashed,
         thinned(SNAPSHOT, 4, 2),
         "19.999958",
-        "1.57303",
+        "1.536723",
         "the same",
     ),
     Attack(
         "the same, where no log map states a rate",
         dashed,
         thinned(SNAPSHOT, 4, 2),
-        "1.610255",
-        "1.57303",
+        "1.608368",
+        "1.536723",
         "`between_samples: bounded`, for the honest log as well",
         "between_samples: bounded\nlog_map: NO_RATE\n",
     ),
@@ -438,7 +465,7 @@ ATTACKS = (
         under_a_room,
         of_human_at(2),
         "19.891643",
-        "1.458333",
+        "1.425662",
         "a chain of frames is seen when its slowest is",
     ),
     Attack(

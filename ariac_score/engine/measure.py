@@ -30,6 +30,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Series, Signal
 from ariac_score.trial.spans import Span, distinct, longest_silence_s
 from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.window import lasted_of
 from ariac_score.trial.work import Fact, WorkItem, announced_s
 
 _RULES = "ariac_score.rules"
@@ -75,6 +76,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
         findings=findings,
         scopes=_scopes(trial, prepared.rule_set),
         window=trial.window,
+        lasted=lasted_of(trial),
         orders={item.id: announced_s(item) for item in trial.work},
         coverage=tuple(_coverage(signal, trial.window) for signal in trial.sampled),
         log_defects=trial.log_defects,
@@ -223,8 +225,6 @@ def _scopes(trial: Trial, rule_set: RuleSet) -> Scope:
     index = _announced_as(trial)
     outermost = tuple(_scope(item, "", {"index": index[item.id]}) for item in trial.work)
     whole: dict[str, Fact] = {"orders": len(outermost), "duration_s": canonical(trial.duration_s)}
-    if trial.cut is not None and trial.cut.open_end:
-        del whole["duration_s"]  # nobody knows it
     # Of the trial only what formulas may name: a record may state a hundred numbers.
     declared = rule_set.sheet.facts_of(TRIAL).keys() - whole.keys()
     whole |= {name: trial.facts[name] for name in sorted(declared & trial.facts.keys())}

@@ -39,9 +39,11 @@ from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, add_up
+from ariac_score.scoring.left_open import DURATION
 from ariac_score.scoring.policy import assume
 from ariac_score.scoring.pricing import Contributed
 from ariac_score.scoring.ruleset import RuleSet
+from ariac_score.scoring.scope import lasting
 from ariac_score.scoring.steward import Adjustment
 
 __all__ = [
@@ -407,9 +409,14 @@ def _term(name: str, result: Result, rule_set: RuleSet) -> float:
     formula = Expression.parse(name, where=f"$.ranking: {name}")
     sheet, measured = rule_set.sheet, result.measured
     # In the world whose score counts: else a team would be ahead, or calm, for what its log does not show.
-    findings = measured.findings if sheet.needs_cohort else counted(result, rule_set)
+    findings = measured.findings if sheet.needs_cohort else counted(result, rule_set).findings
     findings = assume(findings, rule_set.policies, priced=sheet.scored).findings
-    return float(sheet.evaluate_in(formula, measured.scopes, findings)[""].value)
+    trial, lasted = measured.scopes, measured.lasted
+    if lasted is not None and DURATION in sheet.facts_in(formula):
+        if lasted.most_s is None:
+            raise FormulaError(f"nobody knows how long the trial was: {lasted.why}")
+        trial = lasting(trial, lasted.least_s if rule_set.counts == "best" else lasted.most_s)
+    return float(sheet.evaluate_in(formula, trial, findings)[""].value)
 
 
 def _kept(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], tuple[RunOutcome, ...]]:

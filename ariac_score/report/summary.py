@@ -279,7 +279,7 @@ class _Teller:
                 one.verdict is Verdict.VIOLATED
                 and one.check in self.about_safety
                 and self.found.get(key) != one
-                for key, one in counted(self.result, self.rules).items()
+                for key, one in counted(self.result, self.rules).findings.items()
             )
         return False
 

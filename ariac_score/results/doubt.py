@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from decimal import Decimal
 
-from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.findings import Verdict
 from ariac_score.results.result import SEQUENCE, Measured, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.policy import Assumption
-from ariac_score.scoring.pricing import counted_world, ends_beyond
+from ariac_score.scoring.pricing import CountedWorld, counted_world, ends_beyond
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.statements import NOBODY
 
@@ -41,6 +40,7 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
         endless=not is_cut and any(one.fact == "window" and one.by == NOBODY for one in measured.statements),
         open_end_s=measured.cut.until_s if is_cut and measured.cut is not None else None,
         work_open=measured.cut.work_open if measured.cut is not None else "",
+        lasted=measured.lasted,
     )
 
 
@@ -50,8 +50,8 @@ def as_scored(result: Result, rule_set: RuleSet) -> LeftOpen:
     return LeftOpen(counts="withhold") if result.ledger_method == SEQUENCE else found
 
 
-def counted(result: Result, rule_set: RuleSet) -> Mapping[str, Finding]:
-    """The findings of the world whose score counts, which are those of the ledger, by id.
+def counted(result: Result, rule_set: RuleSet) -> CountedWorld:
+    """The world whose score counts, which is that of the ledger.
 
     Raises:
         FormulaError: The score has no value.

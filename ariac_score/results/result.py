@@ -28,6 +28,7 @@ from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
 from ariac_score.trial.spans import Span
 from ariac_score.trial.statements import Statement
+from ariac_score.trial.window import Lasted
 
 __all__ = [
     "SEQUENCE",
@@ -150,6 +151,13 @@ def _settled_scope(scope: Scope) -> Scope:
     return replace(scope, facts=facts, inner=tuple(_settled_scope(inner) for inner in scope.inner))
 
 
+def _settled_length(lasted: Lasted | None) -> Lasted | None:
+    if lasted is None:
+        return None
+    most_s = None if lasted.most_s is None else canonical(lasted.most_s)
+    return replace(lasted, least_s=canonical(lasted.least_s), most_s=most_s)
+
+
 @dataclass(frozen=True)
 class Measured:
     """Everything the checks found about a trial; enough to price it without its log.
@@ -181,6 +189,8 @@ class Measured:
         cut: How far a log goes that is cut off, and was scored all the same; `None`: all were whole.
         statements: Whose statement work, window, set-up and completeness rest on. Empty in results of
             versions that did not say.
+        lasted: For how long the competition may have lasted, where the logs do not state both of its ends
+            exactly: then the `duration_s` of the trial is open in formulas.
     """
 
     trial: str
@@ -203,6 +213,7 @@ class Measured:
     unofficial: tuple[str, ...] = ()
     cut: Cut | None = None
     statements: tuple[Statement, ...] = ()
+    lasted: Lasted | None = None
 
     def __post_init__(self) -> None:
         # Rounded here and not while writing: what is priced now is what a reader will price.
@@ -233,10 +244,11 @@ class Measured:
                 for check, own in self.measures.items()
             },
             "open": tuple(map(settled_open, self.open)),
+            "lasted": _settled_length(self.lasted),
         }
         for name, value in kept.items():
             object.__setattr__(self, name, value)
-        leave_out_empty(self, "open", "unofficial", "cut", "statements")
+        leave_out_empty(self, "open", "unofficial", "cut", "statements", "lasted")
 
     def to_frame(self) -> Any:
         """The findings as a `pandas.DataFrame`, a row for each, its quantities in columns of their own.

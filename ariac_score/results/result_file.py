@@ -98,8 +98,9 @@ def measured_sha256(result: Result) -> str:
             for key, finding in measured["findings"].items()
         },
     }
-    if "open" in measured:  # not where nothing is: files of decisions hold hashes from before
-        stated["open"] = measured["open"]
+    for name in ("open", "lasted"):  # not where nothing is: files of decisions hold hashes from before
+        if name in measured:
+            stated[name] = measured[name]
     data = encodable({"inputs": plain(result.provenance.inputs), "measured": stated})
     text = json.dumps(data, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
     return hashlib.sha256(text.encode("utf-8")).hexdigest()

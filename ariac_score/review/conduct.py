@@ -187,7 +187,7 @@ def _counted(result: Result, rules: RuleSet) -> Mapping[str, Finding]:
     """The findings of the world whose score counts; as they were seen where there is no score."""
     if result.score is not None:
         with suppress(ScoreError):
-            return counted(result, rules)
+            return counted(result, rules).findings
     return result.measured.findings
 
 

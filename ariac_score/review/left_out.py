@@ -13,6 +13,7 @@ from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
+from ariac_score.scoring.scope import Scope
 from ariac_score.trial.spans import Span
 from ariac_score.trial.statements import NOBODY
 
@@ -50,10 +51,8 @@ def scores_with_an_event(result: Result) -> tuple[LeftOut, ...]:
     if not silent:
         return ()
     rules = rule_set_from_text(result.rules, file="the rules in the result")
-    findings = counted(result, rules)
-    if (
-        _score(result, rules, findings) != result.score
-    ):  # an end of an open score, which is priced in its world
+    findings, trial = counted(result, rules)
+    if _score(result, rules, findings, trial) != result.score:  # a bound, which no single world has
         return ()
     found: dict[str, Decimal] = {}
     for key, finding in silent.items():
@@ -66,17 +65,17 @@ def scores_with_an_event(result: Result) -> tuple[LeftOut, ...]:
             span=_end_of(result),
             critical=check.parameters.get("critical") is True,
         )
-        score = _score(result, rules, {**findings, key: happened})
+        score = _score(result, rules, {**findings, key: happened}, trial)
         if score is not None and score < result.score:
             found[finding.check] = score
     each = (LeftOut(check, score) for check, score in found.items())
     return tuple(sorted(each, key=lambda one: (one.score, one.check)))
 
 
-def _score(result: Result, rules: RuleSet, findings: Mapping[str, Finding]) -> Decimal | None:
+def _score(result: Result, rules: RuleSet, findings: Mapping[str, Finding], trial: Scope) -> Decimal | None:
     """What findings are worth by the rules of a result; `None` where that has no value."""
     try:
-        value = value_of(findings, result.measured.scopes, rules.sheet, rules.policies, cohort=result.cohort)
+        value = value_of(findings, trial, rules.sheet, rules.policies, cohort=result.cohort)
     except FormulaError:
         return None
     return None if value is None else rounded(value, result.digits)

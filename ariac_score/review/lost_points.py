@@ -54,7 +54,8 @@ def recoverable_losses(result: Result, rule_set: RuleSet | None = None) -> tuple
     if result.score is None:
         return ()
     rules = rule_set or rule_set_from_text(result.rules, file="the rules in the result")
-    findings, value = counted(result, rules), _value(result, rules)
+    findings, trial = counted(result, rules)
+    value = _value(result, rules, trial)
     # A finding that keeps its rule may cost something as well, by what it measured: a time, a distance.
     costly = taken_by(result.ledger)
     wrong = {
@@ -87,7 +88,8 @@ def without_alone(result: Result, keys: Sequence[str]) -> dict[str, Decimal]:
     if result.score is None or not keys:
         return {}
     rules = rule_set_from_text(result.rules, file="the rules in the result")
-    findings, value = counted(result, rules), _value(result, rules)
+    findings, trial = counted(result, rules)
+    value = _value(result, rules, trial)
     return {key: result.score + _gain(result, findings, (key,), value) for key in keys[:MOST]}
 
 
@@ -100,7 +102,8 @@ def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
     """
     if result.score is None:
         return {}
-    findings, value = counted(result, rules), _value(result, rules)
+    findings, trial = counted(result, rules)
+    value = _value(result, rules, trial)
     wrong: dict[str, list[str]] = {}
     for key, finding in findings.items():
         bad = finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
@@ -110,13 +113,12 @@ def gains_by_check(result: Result, rules: RuleSet) -> dict[str, Decimal]:
     return {check: gain for check, gain in gains.items() if gain > 0}
 
 
-def _value(result: Result, rules: RuleSet) -> Callable[[Mapping[str, Finding]], Number | None]:
+def _value(result: Result, rules: RuleSet, trial: Scope) -> Callable[[Mapping[str, Finding]], Number | None]:
     """What findings are worth by the rules of a result; `None` where that has no value."""
 
     def value(findings: Mapping[str, Finding]) -> Number | None:
-        scopes, policies = result.measured.scopes, rules.policies
         try:
-            return value_of(findings, scopes, rules.sheet, policies, cohort=result.cohort)
+            return value_of(findings, trial, rules.sheet, rules.policies, cohort=result.cohort)
         except FormulaError:
             return None
 

@@ -17,6 +17,7 @@ from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.policy import ideal
 from ariac_score.scoring.pricing import value_of
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
+from ariac_score.scoring.scope import Scope
 
 __all__ = ["TaskAndSafety", "task_and_safety", "task_points"]
 
@@ -65,10 +66,10 @@ def task_and_safety(result: Result, rule_set: RuleSet | None = None) -> TaskAndS
     if not about:
         return TaskAndSafety(result.score, Decimal(0), has_task, has_safety=False)
     try:
-        findings = counted(result, rules)
+        findings, trial = counted(result, rules)
     except FormulaError:
         return None
-    task = _without(findings, about, measured, rules, result.cohort)
+    task = _without(findings, trial, about, measured, rules, result.cohort)
     return None if task is None else TaskAndSafety(task, result.score - task, has_task)
 
 
@@ -80,13 +81,13 @@ def task_points(measured: Measured, rules: RuleSet, cohort: CohortValues) -> Dec
         rules: What it is worth.
         cohort: The values across teams and runs it is priced with.
     """
-    return _without(
-        measured.findings, frozenset(safety_checks(rules, measured)), measured, rules, cohort, is_open=True
-    )
+    about = frozenset(safety_checks(rules, measured))
+    return _without(measured.findings, measured.scopes, about, measured, rules, cohort, is_open=True)
 
 
 def _without(
     found: Mapping[str, Finding],
+    trial: Scope,
     about: frozenset[str],
     measured: Measured,
     rules: RuleSet,
@@ -102,7 +103,7 @@ def _without(
     try:
         worth = value_of(
             findings,
-            measured.scopes,
+            trial,
             rules.sheet,
             rules.policies,
             cohort=_calm(cohort, rules, about),

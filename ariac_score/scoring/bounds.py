@@ -17,8 +17,8 @@ from ariac_score.errors import FormulaError
 from ariac_score.scoring.charge import charge
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression, Number
-from ariac_score.scoring.left_open import DEPTH, Variable
-from ariac_score.scoring.scope import Scope, is_inside
+from ariac_score.scoring.left_open import DEPTH, DURATION, Variable
+from ariac_score.scoring.scope import Scope, is_inside, lasting
 from ariac_score.scoring.sheet import (
     AGAIN_AFTER_S,
     AGGREGATES,
@@ -31,7 +31,7 @@ from ariac_score.scoring.sheet import (
 )
 from ariac_score.scoring.signs import Sign, Typed, constant, most_of, of_function, power, total, type_of
 
-__all__ = ["Bound", "Worlds"]
+__all__ = ["Bound", "Pins", "Worlds"]
 
 Pins = Mapping[str, bool]
 """Inputs that are known, by name: whether each is at its worst end."""
@@ -86,6 +86,8 @@ class Worlds:
     def __post_init__(self) -> None:
         self.pricing = Pricing(self.sheet, self.trial, self.findings, self.cohort)
         self.verdicts = frozenset(one.key for one in self.variables if one.is_verdict)
+        durations = (one.limits[DURATION] for one in self.variables if one.check == DURATION and one.limits)
+        self.lasts_s = next(durations, None)
         self.tried, self._may_try = 0, 0
 
     def typed(self, pins: Pins) -> Typed:
@@ -138,6 +140,13 @@ class Worlds:
             found.update(one.world(worst=pins.get(one.key, next(inner, worst))))
         return found
 
+    def trial_in(self, pins: Pins) -> Scope:
+        """The scopes of a world: those of the log, with a duration that is pinned where it has an end."""
+        if self.lasts_s is None or DURATION not in pins:
+            return self.trial
+        lasts_s = self.lasts_s[pins[DURATION]]
+        return lasting(self.trial, lasts_s) if lasts_s < inf else self.trial
+
 
 class _Evaluation:
     """One evaluation: every term of every scope is typed once."""
@@ -174,7 +183,7 @@ class _Around:
     def name(self, dotted: str) -> Typed:
         term = self.names.term_of(dotted)
         if term is None:
-            return constant(self.names.name(dotted).value)
+            return self._duration() if dotted == DURATION else constant(self.names.name(dotted).value)
         own = self.evaluation.term(*term)
         pooled = self.worlds.cohort.values.get(dotted, {}) if dotted.startswith("runs.") else {}
         known = most_of([own, constant(pooled[""])]) if "" in pooled else own
@@ -182,6 +191,17 @@ class _Around:
             return known
         signs = known.signs if dotted in self.evaluation.pins else {**known.signs, dotted: Sign.UP}
         return Typed(known.least, inf, signs)
+
+    def _duration(self) -> Typed:
+        """How long the competition lasted."""
+        if self.worlds.lasts_s is None:
+            return constant(self.names.name(DURATION).value)
+        least_s, most_s = self.worlds.lasts_s
+        if most_s < inf or self.evaluation.pins.get(DURATION) is False:
+            return self.evaluation.input(DURATION, least_s, most_s)
+        (lasted,) = (one for one in self.worlds.variables if one.check == DURATION)
+        self._note_unbounded(DURATION, lasted)
+        return Typed(least_s, inf, {} if DURATION in self.evaluation.pins else {DURATION: Sign.UP})
 
     def text_named(self, dotted: str) -> str | None:
         return self.names.text_named(dotted)

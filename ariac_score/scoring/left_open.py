@@ -10,8 +10,12 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.trial.spans import Span
+from ariac_score.trial.window import Lasted
 
-__all__ = ["NOT_SEEN", "LeftOpen", "Variable", "variables_of"]
+__all__ = ["DURATION", "NOT_SEEN", "LeftOpen", "Variable", "variables_of"]
+
+DURATION = "trial.duration_s"
+"""The one fact that a log can leave open, as formulas name it."""
 
 TIME, DEPTH = "time_in_violation_s", "relative_depth_integral_s"
 _ALL_IN = (TIME, DEPTH)
@@ -36,6 +40,7 @@ class LeftOpen:
             Of a monitor what is undecided from then on has no bound.
         work_open: Why more may have been asked for than the trial has, so that no number is its score; empty
             where that is known.
+        lasted: For how long the competition may have lasted; `None` where that is known.
     """
 
     findings: tuple[OpenFindings, ...] = ()
@@ -46,15 +51,16 @@ class LeftOpen:
     endless: bool = False
     open_end_s: float | None = None
     work_open: str = ""
+    lasted: Lasted | None = None
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One thing that is open: the findings of a check about a subject, or one undecided finding.
+    """One thing that is open: the findings of a check about a subject, one undecided finding, or a duration.
 
     Attributes:
         key: Its name among the inputs of a formula.
-        check: Whose findings.
+        check: Whose findings; `DURATION`, which has none: the duration of the trial is its one limit.
         subject: Whom they are about.
         best: The findings in its best world, by id.
         worst: Those in its worst world.
@@ -99,7 +105,8 @@ def variables_of(
     Args:
         findings: As the checks saw them, by id.
         left_open: What the log leaves open.
-        open_checks: The checks whose undecided findings have no policy of their own.
+        open_checks: The checks whose undecided findings have no policy of their own, and `DURATION` where
+            that is to be priced.
         measures: What checks declare of their quantities, by check and quantity.
     """
     among = frozenset(open_checks)
@@ -118,7 +125,27 @@ def variables_of(
                 found.append(_unwatched(key, finding, left_open, measures.get(finding.check, {})))
             else:
                 found.append(_undecided(key, finding, measures.get(finding.check, {})))
+    if left_open.lasted is not None and DURATION in among:
+        found.append(_duration(left_open.lasted))
     return found
+
+
+def _duration(lasted: Lasted) -> Variable:
+    """How long the competition lasted: at its worst, as a limit, it was the longest."""
+    return Variable(
+        key=DURATION,
+        check=DURATION,
+        subject="",
+        best={},
+        worst={},
+        seen=(),
+        causes=(lasted.why,),
+        is_verdict=False,
+        tight=True,
+        fewest=0,
+        most=0,
+        limits={DURATION: (lasted.least_s, inf if lasted.most_s is None else lasted.most_s)},
+    )
 
 
 def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool) -> Variable:

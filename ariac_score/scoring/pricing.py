@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from decimal import Decimal
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
@@ -18,14 +19,23 @@ from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
-from ariac_score.scoring.left_open import LeftOpen, Variable, variables_of
+from ariac_score.scoring.left_open import DURATION, LeftOpen, Variable, variables_of
 from ariac_score.scoring.policy import OPEN, Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.settled import Settled, ends_around, interval_of, settle
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import tree_of
 
-__all__ = ["Contributed", "Priced", "contribute", "counted_world", "ends_beyond", "price", "value_of"]
+__all__ = [
+    "Contributed",
+    "CountedWorld",
+    "Priced",
+    "contribute",
+    "counted_world",
+    "ends_beyond",
+    "price",
+    "value_of",
+]
 
 
 NOTHING_OPEN = LeftOpen()
@@ -57,6 +67,18 @@ class Priced:
     assumptions: tuple[Assumption, ...]
     missing: str = ""
     interval: ScoreInterval | None = None
+
+
+class CountedWorld(NamedTuple):
+    """The world whose score counts.
+
+    Attributes:
+        findings: By id.
+        trial: The scopes, outermost.
+    """
+
+    findings: Mapping[str, Finding]
+    trial: Scope
 
 
 @dataclass(frozen=True)
@@ -97,7 +119,9 @@ def contribute(
     for name, term in sheet.cohort.items():
         used = frozenset[str]().union(*(sheet.checks_in(formula, term.level) for formula in term.formulas))
         assumed = assume(findings, policies, priced=used)
-        variables = variables_of(assumed.findings, left_open, _open_checks(used, policies), {})
+        named = frozenset[str]().union(*(sheet.facts_in(formula, term.level) for formula in term.formulas))
+        among = _open_checks(used, policies) | (named & {DURATION})
+        variables = variables_of(assumed.findings, left_open, among, {})
         if variables:
             undecided[name] = variables[0].causes[0]
         else:
@@ -134,13 +158,15 @@ def price(
     """
     cohort, measures = cohort or CohortValues(), measures or {}
     assumed = assume(findings, policies, priced=sheet.priced)
-    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.priced, policies), measures)
+    scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
+    by_task = _open_in(sheet.priced_by_task, sheet.task, sheet, left_open)
+    variables = variables_of(assumed.findings, left_open, _open_checks(scored | by_task, policies), measures)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, digits, left_open.counts)
-    task = maker.task()
+    task = maker.task(by_task)
     # Before any score is refused: a withheld result still says what it could have been.
     possible = _possible(ideal(findings, measures), scopes, sheet, cohort, digits)
     try:
-        settled = maker.settled(sheet.score, sheet.scored, cohort)
+        settled = maker.settled(sheet.score, scored, cohort)
     except NeedsCohortError as missing:
         if any(one.check in sheet.scored for one in variables):
             # What a team brings to values across teams cannot be open, so none of them can be had.
@@ -188,16 +214,17 @@ def value_of(
         FormulaError: It has no value here.
     """
     assumed = assume(findings, policies, priced=sheet.scored)
+    scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
     if assumed.withheld:
         return None
     if assumed.zeroed:
         return 0
     measures = measures or {}
-    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.scored, policies), measures)
+    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures)
     if not variables:
         return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
     maker = _Maker(scopes, sheet, assumed, variables, cohort or CohortValues(), measures, 9, left_open.counts)
-    settled = maker.settled(sheet.score, sheet.scored, maker.cohort)
+    settled = maker.settled(sheet.score, scored, maker.cohort)
     if not settled.is_bounded or maker.is_withheld(sheet.scored, settled):
         return None
     return settled.value
@@ -212,8 +239,8 @@ def counted_world(
     cohort: CohortValues,
     measures: Mapping[str, Mapping[str, Measure]],
     left_open: LeftOpen,
-) -> Mapping[str, Finding]:
-    """The findings of the world whose score counts; those that were seen where nothing is open.
+) -> CountedWorld:
+    """The world whose score counts; what was seen where nothing is open.
 
     What a rule set has a policy for stays undecided in it.
 
@@ -221,16 +248,20 @@ def counted_world(
         FormulaError: The score has no value.
     """
     assumed = assume(findings, policies, priced=sheet.scored)
-    variables = variables_of(findings, left_open, _open_checks(sheet.scored, policies), measures)
+    scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
+    variables = variables_of(findings, left_open, _open_checks(scored, policies), measures)
     if not variables:
-        return findings
+        return CountedWorld(findings, scopes)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 0, left_open.counts)
-    settled = maker.settled(sheet.score, sheet.scored, cohort)
+    settled = maker.settled(sheet.score, scored, cohort)
     seen = {key for one in variables for key in one.seen}
-    return {
-        **{key: f for key, f in findings.items() if key not in seen},
-        **{key: f for key, f in settled.findings.items() if key in seen or key not in findings},
-    }
+    return CountedWorld(
+        {
+            **{key: f for key, f in findings.items() if key not in seen},
+            **{key: f for key, f in settled.findings.items() if key in seen or key not in findings},
+        },
+        settled.trial,
+    )
 
 
 @in_own_decimals
@@ -261,9 +292,10 @@ def ends_beyond(
         Least and most; `None` where nothing bounds the score.
     """
     assumed = assume(findings, policies, priced=sheet.scored)
+    scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
     if assumed.zeroed:
         return Decimal(0), Decimal(0)
-    variables = variables_of(assumed.findings, left_open, _open_checks(sheet.scored, policies), measures)
+    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures)
     known = Worlds(sheet, sheet.score, scopes, assumed.findings, variables, cohort, measures)
     beyond = frozenset(f"runs.{name}" for name in sheet.pooled)
     try:
@@ -275,6 +307,15 @@ def ends_beyond(
 def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset[str]:
     """The checks of which what is undecided is priced in the worlds that it leaves possible."""
     return frozenset(check for check in used if policies.get(check, OPEN) in (OPEN, "withhold"))
+
+
+def _open_in(
+    used: frozenset[str], formula: Expression | None, sheet: ScoreSheet, left_open: LeftOpen
+) -> frozenset[str]:
+    """What a formula uses that may be open: its checks, and `DURATION` where it names that."""
+    if left_open.lasted is None or formula is None:
+        return used
+    return used | (sheet.facts_in(formula) & {DURATION})
 
 
 def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
@@ -313,15 +354,15 @@ class _Maker:
         return any(assumption.check in used for assumption in self.assumed.zeroed)
 
     def ledger(self, formula: Expression, settled: Settled, used: frozenset[str], root: str) -> Ledger:
-        tree = tree_of(self.sheet, formula, self.scopes, settled.findings, self.cohort, self.measures)
+        tree = tree_of(self.sheet, formula, settled.trial, settled.findings, self.cohort, self.measures)
         undecided = [assumption.finding for assumption in self.assumed.assumptions]
         ledger = make_ledger(
             tree, settled.traced, settled.findings, digits=self.digits, root=root, undecided=undecided
         )
         return _zeroed(_bounded(ledger, settled.amount(self.digits)), self.assumed, used)
 
-    def task(self) -> Ledger | None:
-        task, used = self.sheet.task, self.sheet.priced_by_task
+    def task(self, used: frozenset[str]) -> Ledger | None:
+        task = self.sheet.task
         if task is None or _withheld(self.assumed, used):
             return None
         try:

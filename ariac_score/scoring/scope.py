@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from msgspec import Meta
 
 from ariac_score.checks.findings import FrozenMap
 
-__all__ = ["Level", "Scope", "is_inside"]
+__all__ = ["Level", "Scope", "is_inside", "lasting"]
 
 Level = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]*$")]
 """The name of a level; a score sheet has them from the innermost outwards, the order of evaluation."""
@@ -67,3 +67,12 @@ class Scope:
                 yield scope
             else:
                 yield from scope.each(level)
+
+
+def lasting(trial: Scope, duration_s: float) -> Scope:
+    """The same trial, had its competition lasted so long.
+
+    >>> lasting(Scope("trial", "", {"duration_s": 58.0}), 60.0).facts["duration_s"]
+    60.0
+    """
+    return replace(trial, facts={**trial.facts, "duration_s": duration_s})

@@ -11,10 +11,12 @@ from msgspec import UNSET, UnsetType
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import FormulaError
-from ariac_score.scoring.bounds import MOST_TRIED, Bound, Worlds
+from ariac_score.scoring.bounds import MOST_TRIED, Bound, Pins, Worlds
 from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
+from ariac_score.scoring.left_open import DURATION
+from ariac_score.scoring.scope import Scope
 
 __all__ = ["Settled", "ends_around", "interval_of", "settle"]
 
@@ -33,6 +35,7 @@ class Settled:
     Attributes:
         worlds: The formula in all worlds.
         findings: Those of the world that counts.
+        trial: Its scopes, outermost.
         traced: The formula there.
         pins: Where each thing that is open is there; `True`: at its worst.
         least: The least that the formula can be.
@@ -44,6 +47,7 @@ class Settled:
 
     worlds: Worlds
     findings: Mapping[str, Finding]
+    trial: Scope
     traced: Traced
     pins: Mapping[str, bool]
     least: Bound
@@ -133,27 +137,32 @@ def settle(worlds: Worlds, *, counts: str) -> Settled:
         FormulaError: It has no value, whatever is open.
     """
     if not worlds.variables:
-        traced = _evaluated(worlds, worlds.findings)
+        traced = _evaluated(worlds, worlds.findings, {})
         end = Bound(float(traced.value), {}, True)
-        return Settled(worlds, worlds.findings, traced, {}, end, end, traced.value, traced.value, True)
+        return Settled(
+            worlds, worlds.findings, worlds.trial, traced, {}, end, end, traced.value, traced.value, True
+        )
     least, most = worlds.end(least=True), worlds.end(least=False)
     counts_least = counts != "best"
+    traced = Traced("", 0, "number")
     nowhere = Settled(
-        worlds, worlds.findings, Traced("", 0, "number"), {}, least, most, None, None, counts_least
+        worlds, worlds.findings, worlds.trial, traced, {}, least, most, None, None, counts_least
     )
     if not nowhere.is_bounded:
         return nowhere
     low, high = worlds.world(least.pins, worst=True), worlds.world(most.pins, worst=False)
     try:
-        at_least, at_most = _evaluated(worlds, low), _evaluated(worlds, high)
+        at_least, at_most = _evaluated(worlds, low, least.pins), _evaluated(worlds, high, most.pins)
     except FormulaError as error:
         worlds.unbounded[error.cause] = None
         return replace(nowhere, least=replace(least, value=-inf))
+    pins = (least if counts_least else most).pins
     return Settled(
         worlds,
         low if counts_least else high,
+        worlds.trial_in(pins),
         at_least if counts_least else at_most,
-        (least if counts_least else most).pins,
+        pins,
         least,
         most,
         at_least.value,
@@ -162,9 +171,9 @@ def settle(worlds: Worlds, *, counts: str) -> Settled:
     )
 
 
-def _evaluated(worlds: Worlds, findings: Mapping[str, Finding]) -> Traced:
+def _evaluated(worlds: Worlds, findings: Mapping[str, Finding], pins: Pins) -> Traced:
     sheet = worlds.sheet
-    return sheet.value_of(worlds.formula, worlds.trial, findings, worlds.cohort)
+    return sheet.value_of(worlds.formula, worlds.trial_in(pins), findings, worlds.cohort)
 
 
 def interval_of(settled: Settled, digits: int, counts: str) -> ScoreInterval | None:
@@ -195,7 +204,7 @@ def _unseen(settled: Settled, digits: int) -> Decimal | UnsetType:
                 found.pop(key, None)
             found |= {key: worlds.findings[key] for key in one.seen}
     try:
-        samples = rounded(_evaluated(worlds, found).value, digits)
+        samples = rounded(_evaluated(worlds, found, {}).value, digits)
     except FormulaError:
         return UNSET
     unseen = samples - settled.amount(digits)
@@ -245,7 +254,7 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
             found.append(
                 Narrowing(
                     cause,
-                    tuple(sorted({one.check for one in among})),
+                    tuple(sorted({one.check for one in among} - {DURATION})),
                     tuple(dict.fromkeys(key for one in among for key in one.seen)),
                     None if by is None else min(most - least, _rounded_end(by, None, digits, ROUND_CEILING)),
                 )

@@ -12,10 +12,12 @@ from ariac_score.trial.work import announced_s
 
 __all__ = [
     "RECORDING",
+    "Lasted",
     "WindowEnds",
     "earliest_start_s",
     "ends_of",
     "lacks_start",
+    "lasted_of",
     "stated_late",
     "with_window",
 ]
@@ -66,7 +68,44 @@ class WindowEnds:
         """How well either is known, in words."""
         both = (("start", self.start), ("end", self.end))
         known = [f"its {name} within {_length(span)}" for name, span in both if span.duration_s > 0.0]
-        return f"the log states when the competition was at a rate: {', '.join(known)}"
+        return f"the log tells only roughly when the competition was: {', '.join(known)}"
+
+
+@dataclass(frozen=True)
+class Lasted:
+    """For how long a competition may have lasted of which the log does not state both ends exactly.
+
+    Attributes:
+        least_s: At least so long, s.
+        most_s: At most so long, s; `None`: nobody knows.
+        why: Why that is open, in words.
+    """
+
+    least_s: float
+    most_s: float | None
+    why: str
+
+
+def lasted_of(trial: Trial) -> Lasted | None:
+    """For how long the competition may have lasted; `None` where the log, or the rules, state it exactly."""
+    ends = ends_of(trial)
+    if ends is not None:
+        least_s = max(0.0, ends.end.start_s - ends.start.end_s)
+        return Lasted(least_s, ends.end.end_s - ends.start.start_s, ends.words)
+    is_cut = trial.cut is not None and trial.cut.open_end
+    if not trial.window_open and not is_cut:
+        return None
+    # Of what has a time only work is certain to have been within the competition.
+    known = [t_s for t_s in (trial.started_s, trial.ended_s, *_of_work_s(trial)) if t_s is not None]
+    in_order = None in (trial.started_s, trial.ended_s)
+    least_s = max(known) - min(known) if known and in_order else 0.0
+    return Lasted(least_s, None, trial.window_open or "nobody knows when the competition ended")
+
+
+def _of_work_s(trial: Trial) -> list[float]:
+    """When work was announced and handed in, s, as far as that is known."""
+    times_s = (*map(announced_s, trial.work), *(one.submitted_s for one in trial.submissions))
+    return [t_s for t_s in times_s if t_s is not None]
 
 
 def _length(span: Span) -> str:
@@ -85,8 +124,7 @@ def ends_of(trial: Trial) -> WindowEnds | None:
     last_s = _earliest_s(trial, COMPETITION_ENDED, ended_s)
     if (first_s, last_s) == (started_s, ended_s):
         return None
-    work = [announced_s(item) for item in trial.work]
-    known = [t_s for t_s in (*work, *(one.submitted_s for one in trial.submissions)) if t_s is not None]
+    known = _of_work_s(trial)
     start_s = min([started_s, *(t_s for t_s in known if t_s >= first_s)])
     end_s = max([last_s, *(t_s for t_s in known if t_s <= ended_s)])
     opened_s = window.start_s  # by work that was announced early, however early the start was

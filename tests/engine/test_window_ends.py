@@ -24,7 +24,7 @@ from ariac_score import (
 )
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.result import Pinned, Provenance
-from ariac_score.trial.window import ends_of, stated_late
+from ariac_score.trial.window import RECORDING, ends_of, lasted_of, stated_late, with_window
 from ariac_score_ariac.testing import kitting_trial
 
 PAPER = load_rule_set("paper2020.published")
@@ -90,7 +90,7 @@ def test_the_score_lies_between_those_of_the_longest_and_the_shortest_competitio
     assert [found.interval.least, found.interval.most] == exact
     assert found.score == found.interval.least < found.interval.most
     (narrows,) = found.interval.narrowing
-    assert narrows.cause == "the log states when the competition was at a rate: its end within 400 ms"
+    assert narrows.cause == "the log tells only roughly when the competition was: its end within 400 ms"
 
 
 def test_ends_at_which_nothing_happens_cost_nothing() -> None:
@@ -146,6 +146,40 @@ def test_a_collision_counts_at_worst_where_the_competition_may_have_been_over(
         for one in found
     ]
     assert violated == ([] if worlds is None else [tuple(worlds)])
+
+
+START, END = Event(0.5, COMPETITION_STARTED), Event(38.0, COMPETITION_ENDED)
+
+
+@pytest.mark.parametrize(
+    ("ends", "lasts_s"),
+    [
+        ((START, END), None),  # stated exactly
+        ((stated_late(START, 0.3), stated_late(END, 0.1)), (37.4, 37.8)),
+        # Stated late by more than it was before the first order, at 1 s: it had started then.
+        ((stated_late(Event(2.0, COMPETITION_STARTED), 1.5), END), (37.0, 37.5)),
+        # Nobody says when it ended: work was announced from 1 s on, and handed in until 31 s.
+        ((START,), (30.5, None)),
+        ((END,), (37.0, None)),
+        ((), (30.0, None)),
+        ((Event(38.0, COMPETITION_STARTED), Event(0.5, COMPETITION_ENDED)), (0.0, None)),
+    ],
+    ids=["exact", "at a rate", "before the first order", "no end", "no start", "neither", "turned round"],
+)
+def test_how_long_it_lasted_is_known_as_far_as_its_ends_are(
+    ends: Sequence[Event], lasts_s: tuple[float, float | None] | None
+) -> None:
+    trial = with_window(replace(TRIAL, events=tuple(sorted(ends)), window_open=""), "")
+
+    found = lasted_of(trial)
+
+    assert (None if found is None else (found.least_s, found.most_s)) == (
+        None if lasts_s is None else pytest.approx(lasts_s)
+    )
+
+
+def test_where_the_rules_take_the_recording_for_it_it_lasted_as_long() -> None:
+    assert lasted_of(with_window(replace(TRIAL, events=(), window_open=""), RECORDING)) is None
 
 
 def test_ids_of_what_is_open_are_different() -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from ariac_score import load_log_map, load_rule_set
+from ariac_score import Result, load_log_map, load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.ranking.competition import load_competition
@@ -25,6 +25,7 @@ from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
 from ariac_score.results.cohort_file import COHORT, Cohort
+from ariac_score.trial.window import Lasted
 from ariac_score_ariac.testing.official_database import write_database_competition
 from ariac_score_ariac.testing.official_texts import (
     Outcome,
@@ -150,6 +151,46 @@ def test_a_declared_tie_break_separates_them(tmp_path: Path) -> None:
 
     assert [rank for rank, _, _ in table(ranking(tmp_path))] == [1, 1]
     assert [(rank, team) for rank, team, _ in table(ranking(tmp_path, ties))] == [(1, "fast"), (2, "slow")]
+
+
+@pytest.mark.parametrize(
+    ("lasted", "expected", "said"),
+    [
+        (None, [(1, "alpha"), (1, "beta")], {}),
+        (Lasted(0.5, 99.5, "its start within 99 s"), [(1, "beta"), (2, "alpha")], {}),
+        (
+            Lasted(40.0, None, "the log does not show the end of the competition"),
+            [(1, "beta"), (2, "alpha")],  # it counts nothing
+            {("alpha", 1): "no_value"},
+        ),
+    ],
+    ids=["exact", "at a rate", "no end"],
+)
+def test_a_tie_break_by_time_takes_the_longest_time_that_a_log_allows(
+    tmp_path: Path, lasted: Lasted | None, expected: list[Any], said: dict[Any, str]
+) -> None:
+    for team in ("alpha", "beta"):
+        run(tmp_path, team, 1)
+    (tmp_path / "timed.yaml").write_text(
+        "extends: ariac2024.official\nid: timed\ntitle: Timed\nsource: here\n"
+        "terms: {trial: {lasts_s: trial.duration_s}}\nranking: {ties: [{lowest: lasts_s}]}\n",
+        encoding="utf-8",
+    )
+    head = HEAD.replace("ariac2024.official", "./timed.yaml")
+    (tmp_path / "competition.yaml").write_text(head, encoding="utf-8")
+    competition = load_competition(tmp_path)
+    rules = load_rule_set(competition.rules)
+    spec = ranking_spec(rules, competition.ranking, file="competition.yaml")
+    results = dict(score_runs(competition, rules))
+    (key,) = (key for key in results if key[0] == "alpha")
+    of_alpha = results[key]
+    assert isinstance(of_alpha, Result)
+    results[key] = replace(of_alpha, measured=replace(of_alpha.measured, lasted=lasted))
+
+    found = rank_results(competition, spec, rules, results)
+
+    assert [(one.rank, one.team) for one in found.standings] == expected
+    assert outcomes(found) == said
 
 
 def test_judges_enter_the_value_and_a_team_without_marks_has_no_place(tmp_path: Path) -> None:

@@ -22,11 +22,6 @@ _OVER_AND_OVER = 3
 """A topic that begins with so many messages of one meaning states it over and over, so it did before, too."""
 
 
-_HELD_BACK_S = 1.0
-"""Who speaks only when something changes is taken at his word that it starts, unless he was silent for longer
-before: words that were left out make anybody look like him, and move the start."""
-
-
 SILENT_S = 10.0
 """Where a topic is silent for longer than this, and then says that it runs, nobody knows since when.
 Whoever leaves out the words between moves the start behind what happened in that time."""
@@ -47,8 +42,8 @@ def changes(
     late: when the competition started is not in the log. The same holds where it was silent for long before.
 
     Such a topic says at its rate what has changed since its last message, so a start or an end that it states
-    was at any moment between both. One that speaks only when something changes says it at once; but a start
-    behind `_HELD_BACK_S` of silence was at any moment in it, for its words may have been left out.
+    was at any moment between both. One that speaks only when something changes says it at once; but its start
+    was at any moment of the silence before, too, for words that were left out make any topic look like it.
 
     Args:
         topic: Its name.
@@ -88,11 +83,7 @@ def changes(
                 "since when"
             )
             builder.defect("late_recording", topic, 1, message)
-        elif (
-            state is not None
-            and state != before
-            and (repeats or (place == first and silent_s > _HELD_BACK_S))
-        ):
+        elif state is not None and state != before and (repeats or place == first):
             since_s = _silent_s(place, times_s, builder)
             since_s += float(delays_s[place - 1]) if place and len(delays_s) else 0.0
             yield stated_late(item, since_s) if since_s > 0.0 else item
