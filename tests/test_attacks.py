@@ -277,6 +277,31 @@ def replayed(copy: Copy) -> Copy:
     return copy.with_changed(one)
 
 
+def frames(folder: Path) -> Copy:
+    """The example recorded as frames at 100 Hz, with a dash of the human of 0.1 s for its near miss."""
+    made = recording(folder, kitting_trial(), motion="frames")
+
+    def one(message: Any) -> Any:
+        if message.connection.topic != "/tf":
+            return message
+        fields = fields_of(message)
+        (sent,) = fields.transforms
+        if sent.child_frame_id != "human_base":
+            return message
+        t_s = (message.stamp_ns - ORIGIN_NS) / 1e9
+        sent.transform.translation.y = 9.0 - max(0.0, 0.2 - 3.5 * abs(t_s - 20.02))
+        return changed(message, fields)
+
+    return made.with_changed(one)
+
+
+def frames_at(rate_hz: float) -> Change:
+    """All frames are kept that often."""
+    return lambda copy: copy.keeping(
+        lambda m: m.connection.topic != "/tf" or (m.stamp_ns - ns(0.0)) % round(1e9 / rate_hz) == 0
+    )
+
+
 def shifted(copy: Copy) -> Copy:
     """The near miss is moved behind the end of the competition, all snapshots with it."""
     return copy.with_changed(
@@ -459,6 +484,15 @@ ATTACKS = (
         "1.536723",
         "`between_samples: bounded`, for the honest log as well",
         "between_samples: bounded\nlog_map: NO_RATE\n",
+    ),
+    Attack(
+        "three of four frames left out of an attested log, whose log map states no rate",
+        frames,
+        frames_at(25),
+        "19.983044",
+        "1.54684",
+        "the recorder's manifest: each interval is a gap",
+        ATTESTED,
     ),
     Attack(
         "a human's frame at 2 Hz under a constant one at 100 Hz, and so a dash of 0.4 s left out",

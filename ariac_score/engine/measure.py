@@ -56,7 +56,7 @@ def measure_trial(trial: Trial, rules: Rules, *, known: Result | None = None) ->
     prepared = prepare(rules)
     findings: dict[str, Finding] = {}
     opened: list[OpenFindings] = []
-    trial = replace(trial, between=prepared.between)
+    trial = replace(trial, between=prepared.between_of(trial))
     _refuse_broken_bounds(trial, prepared)
     # A misspelt quantity is not one that the log happens to lack.
     prepared.refuse_unknown_quantities({quantity_of(signal.name) for signal in trial.sampled})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -23,8 +24,9 @@ from ariac_score.logs.logmap import load_log_map
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.bounds import BetweenSamples, between_samples
-from ariac_score.trial.channels import LogMap
+from ariac_score.trial.channels import OF_FRAMES, LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
+from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import GROUP as QUANTITIES_GROUP
 from ariac_score.trial.vocabulary import OUR_QUANTITIES, QUANTITIES, Quantity
@@ -149,11 +151,20 @@ class Prepared:
     def derived(self, trial: Trial) -> Trial:
         """The trial with the signals that its checks need and that can be derived from what it has."""
         return derive_signals(
-            replace(trial, between=self.between),
+            replace(trial, between=self.between_of(trial)),
             self.derivations,
             speed_window_s=self.log_map.speed_window_s,
             brought=self.brought,
         )
+
+    def between_of(self, trial: Trial) -> BetweenSamples:
+        """The same, where the log lacks samples that its recorder received."""
+        frames = {c.topic for c in self.log_map.channels if c.poses == "frames"}
+        found: Counter[str] = Counter()
+        for _, attested in trial.attestations:
+            for one in attested.lacking if attested is not None else ():
+                found[OF_FRAMES if one.topic in frames else one.topic] += one.within
+        return replace(self.between, lacking=FrozenMap({source: n for source, n in found.items() if n}))
 
     def only(self, names: Iterable[str]) -> Prepared:
         """The same with only some of its checks."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -188,6 +189,9 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
         unheard += [Lacking(topic, len(late), _around([span for span, _ in late]))] if late else []
         if missing := missing - Counter(digest for _, digest in late):
             span = _around([span for digest in missing for span in spans[topic, digest]])
+            logged = found.logged.get(topic, ())
+            logged_s = min(((one.t_ns - origin_ns) / 1e9 for one in logged), default=math.inf)
+            arrived = (sorted(spans[topic, digest])[:n] for digest, n in missing.items())
             lacking.append(
                 Lacking(
                     topic,
@@ -195,6 +199,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
                     span,
                     all=topic not in found.digests,
                     publishers=_less_from(matched.get(topic), stated["topics"][topic]),
+                    within=sum(one.start_s >= logged_s for every in arrived for one in every),
                 )
             )
     return Attestation(

@@ -68,7 +68,9 @@ class Stream:
         steps = np.diff(t[inside])
         usual = float(np.median(steps)) if len(steps) else math.inf
         stated = assumed.usual_s.get(signal.source, math.inf)
-        thinned, usual = usual > USUAL_INTERVALS * stated, min(usual, stated)
+        # All messages that its recorder received and the log lacks may have been samples of this one.
+        received = usual * len(t) / max(1, len(t) + assumed.lacking.get(signal.source, 0))
+        thinned, usual = usual > USUAL_INTERVALS * stated, min(received, stated)
         longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]

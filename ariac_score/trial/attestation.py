@@ -20,6 +20,7 @@ class Lacking:
         span: From the heartbeat before the first of them to the heartbeat after the last, s of trial time.
         all: Whether the log has none of that topic.
         publishers: Of whom they are; empty where that is not known.
+        within: How many of them came after the log's first of that topic: its samples are rarer for it.
     """
 
     topic: str
@@ -27,6 +28,7 @@ class Lacking:
     span: Span
     all: bool = False
     publishers: tuple[str, ...] = ()
+    within: int = 0
 
     def __str__(self) -> str:
         """In words."""

@@ -59,6 +59,7 @@ class BetweenSamples:
         distance_error_m: How far a measured distance may lie from the true one, m.
         usual_s: How far apart messages of a topic usually are, by its name, s, where an organiser states its
             rate: who thins out a recording evenly makes another interval usual in it.
+        lacking: How many samples a recorder received and the log lacks, by the source of a signal.
     """
 
     bounds: Mapping[str, MotionBound] = field(default_factory=lambda: DEFAULT_BOUNDS)
@@ -66,6 +67,7 @@ class BetweenSamples:
     time_error_s: float = 0.0
     distance_error_m: float = 0.0
     usual_s: Mapping[str, float] = field(default_factory=FrozenMap)
+    lacking: Mapping[str, int] = field(default_factory=FrozenMap)
 
     def of(self, kind: str) -> MotionBound | None:
         """The bound of a kind of body; `None` where nobody knows one."""
@@ -92,7 +94,7 @@ def between_samples(
     >>> found.bounds["human"].max_speed_m_s, found.bounds["robot"].stated, found.time_error_s
     (1.6, '', 0.002)
     """
-    bounds, errors = dict(DEFAULT_BOUNDS), {}
+    bounds, errors = dict(DEFAULT_BOUNDS), dict.fromkeys(ERRORS, 0.0)
     for who, stated in (("log_map", log_map), ("rule_set", rule_set)):
         for kind, body in stated.items():
             if kind in ERRORS:
@@ -101,4 +103,5 @@ def between_samples(
             fastest = body.get("max_acceleration_m_s2", math.inf)
             bounds[kind] = MotionBound(float(body["max_speed_m_s"]), float(fastest), body["source"], who)
     usual_s = FrozenMap({topic: 1.0 / rate_hz for topic, rate_hz in (rates_hz or {}).items()})
-    return BetweenSamples(FrozenMap(bounds), every, usual_s=usual_s, **errors)
+    time_error_s, distance_error_m = (errors[name] for name in ERRORS)
+    return BetweenSamples(FrozenMap(bounds), every, time_error_s, distance_error_m, usual_s)

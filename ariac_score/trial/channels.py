@@ -16,7 +16,19 @@ from ariac_score.trial.model import Body
 from ariac_score.trial.vocabulary import Quantity, quantity_of
 from ariac_score.trial.work import Fact
 
-__all__ = ["BodyMatch", "Channel", "FieldMap", "LogMap", "NamedEvent", "NumberField", "PluginUse"]
+__all__ = [
+    "OF_FRAMES",
+    "BodyMatch",
+    "Channel",
+    "FieldMap",
+    "LogMap",
+    "NamedEvent",
+    "NumberField",
+    "PluginUse",
+]
+
+OF_FRAMES = "tf frames"
+"""The source of a signal that follows from transforms, on whichever topics they came."""
 
 _NAMED = re.compile(r"\{([a-z][a-z0-9_]*)\}")
 """A fact of the trial within a name."""

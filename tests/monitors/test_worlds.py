@@ -197,6 +197,21 @@ def test_every_second_sample_left_out_is_a_gap_where_a_rate_is_stated(rate_hz: f
     )
 
 
+@pytest.mark.parametrize(("lacking", "gaps"), [(0, 0), (25, 0), (26, 50), (51, 50)])
+def test_every_interval_is_a_gap_where_the_log_lacks_half_as_many_samples_as_it_has(
+    lacking: int, gaps: int
+) -> None:
+    """Of 51 samples at 20 ms: those that its recorder received were 13.3 ms apart if 25.5 are missing."""
+    kept = trial({round(0.02 * k, 9): 0.004 for k in range(51)})
+    of = replace(kept, between=replace(kept.between, lacking={"/scanner": lacking, "/another": 500}))
+
+    opened = found(HumanContact(), of)[1]
+
+    assert [cause.text for one in opened for cause in one.causes] == (
+        [f"{gaps} gaps of 20 to 20 ms on /scanner"] if gaps else []
+    )
+
+
 def test_leaving_samples_out_never_makes_the_worst_world_better() -> None:
     random = np.random.default_rng(3)
     for _ in range(10):

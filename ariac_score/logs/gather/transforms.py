@@ -23,7 +23,7 @@ from ariac_score.logs.gather.array_growth import GrowthForecast
 from ariac_score.logs.gather.chain_times import seen_by_all, throughout
 from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.trial.build import LARGEST_STEP_BACK_S, TrialBuilder
-from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.channels import OF_FRAMES, BodyMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
 from ariac_score.trial.spans import FloatArray, Span, distinct
@@ -436,7 +436,7 @@ class TransformTree:
         holes = () if constant else self._holes
         unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}
         name = "::".join((body.id, *body.links))
-        builder.add_signal(f"position/{name}", "m", t, positions, source="tf frames", **unknown)
+        builder.add_signal(f"position/{name}", "m", t, positions, source=OF_FRAMES, **unknown)
 
     def leads_to_root(self, frame: str) -> bool:
         """Whether a frame is the root, or recorded transforms lead from it there.
