@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -21,9 +22,10 @@ from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import LogMapError, PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
+from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
-from ariac_score.trial.bounds import BetweenSamples, between_samples
+from ariac_score.trial.bounds import DEFAULT_BOUNDS, ERRORS, BetweenSamples, between_samples
 from ariac_score.trial.channels import OF_FRAMES, LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
 from ariac_score.trial.frozen import FrozenMap
@@ -187,6 +189,28 @@ class Prepared:
                     "priced with count(), occurrences() or charged()",
                 )
 
+    def refuse_misspelt_bounds(self) -> None:
+        """Refuse bounds of a kind of body that nobody has, and whose name is nearly that of one that is known.
+
+        A body of a kind that just this log map lacks is no mistake: rules are written for many of them.
+
+        Raises:
+            RuleSetError, LogMapError: Who states them, and the kind.
+        """
+        matches = (*self.log_map.models, *self.log_map.frames)
+        known = {*DEFAULT_BOUNDS, *(body.kind for body in self.log_map.bodies), *(m.kind for m in matches)}
+        watched = (each.check for each in self.checks.values() if isinstance(each.check, SubjectMonitor))
+        known.update(kind for check in watched for kind in check.subjects.kinds)
+        stated = ((self.rule_set, RuleSetError), (self.log_map, LogMapError))
+        for of, kind, error in ((of, kind, error) for of, error in stated for kind in of.bounds):
+            if kind not in {*known, *ERRORS} and (near := get_close_matches(kind, sorted(known), 1, 0.75)):
+                raise error(
+                    f"'bounds:' states how fast a {kind!r} can be, and no body is of that kind",
+                    file=of.file or of.id,
+                    place=f"$.bounds.{kind}",
+                    hint=f"did you mean {near[0]!r}?",
+                )
+
     def refuse_unknown_quantities(self, recorded: Container[str] = ()) -> None:
         """Refuse monitors that need quantities which neither the vocabulary nor the log map knows.
 
@@ -295,6 +319,7 @@ def prepare(rules: Rules, *, log_map: str = "", registry: Registry | None = None
     prepared.refuse_other_levels()
     prepared.refuse_other_units()  # before a log is read, which may take minutes
     prepared.refuse_unmeasured()
+    prepared.refuse_misspelt_bounds()
     return replace(
         prepared,
         derivers=derivers_of(prepared.quantities, registry),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from ariac_score import Body, Event, Signal, Span, Trial
 from ariac_score.engine.measure import measure_trial
 from ariac_score.engine.prepared import prepare
+from ariac_score.errors import LogMapError, RuleSetError
 from ariac_score.results.doubt import left_open
 from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.pricing import Priced, price
@@ -163,3 +166,35 @@ def test_a_price_without_a_least_has_no_score_where_the_end_is_not_shown() -> No
 
     assert found.interval is None
     assert "nothing bounds seconds(near) of arm/human_0" in found.missing
+
+
+@pytest.mark.parametrize(
+    ("kind", "meant"),
+    [("humn", "human"), ("robots", "robot"), ("vehicle", ""), ("hand", "")],
+)
+def test_bounds_of_a_misspelt_kind_are_refused_and_those_of_one_that_this_log_lacks_are_not(
+    kind: str, meant: str
+) -> None:
+    """What a rule set states of a vehicle may serve another log map."""
+    text = RULES.format(score="count(near)", contact_m=0.05).replace("  human: {", f"  {kind}: {{")
+    rules = rule_set_from_text(text, file="gaps.yaml")
+    if not meant:
+        assert prepare(rules).between.bounds[kind].max_speed_m_s == 0.6
+        return
+
+    with pytest.raises(RuleSetError, match=f"{kind!r} can be, and no body is of that kind") as refused:
+        prepare(rules)
+    assert (refused.value.place, refused.value.hint) == (f"$.bounds.{kind}", f"did you mean {meant!r}?")
+
+
+def test_misspelt_bounds_of_a_log_map_are_refused_as_its_own(tmp_path: Path) -> None:
+    ours = tmp_path / "ours.yaml"
+    ours.write_text(
+        "id: ours\ntitle: ours\nsource: by hand\nextends: ariac2020\nbounds: {humn: {max_speed_m_s: 0.6, source: walks}}\n",
+        "utf-8",
+    )
+    rules = rule_set_from_text(RULES.format(score="count(near)", contact_m=0.05), file="gaps.yaml")
+
+    with pytest.raises(LogMapError, match="'humn' can be") as refused:
+        prepare(rules, log_map=str(ours))
+    assert refused.value.file == str(ours)
