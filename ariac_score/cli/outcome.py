@@ -89,11 +89,12 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 
 
 def _print_what_is_open(result: Result) -> None:
+    narrowing = result.interval.narrowing if result.interval is not None else ()
     withheld: dict[str, list[str]] = {}
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
             withheld.setdefault(undecided_text(result, assumption), []).append(assumption.finding)
-    for message, found in withheld.items():
+    for message, found in withheld.items() if not narrowing else ():  # which names them together
         for named in found if len(found) <= MOST_NAMED else [_and_more(found)]:
             print(f"undecided: {named}: {plain(message)}", file=sys.stderr)
     if ONLY_OFFICIAL in withheld:
@@ -101,9 +102,9 @@ def _print_what_is_open(result: Result) -> None:
         if others:
             names = " or ".join(others)
             print(f"hint: {names} takes what the official text prints: --rules {others[0]}", file=sys.stderr)
-    if result.interval is not None and not withheld:
+    if result.interval is not None and (narrowing or not withheld):
         print(f"undecided: {open_sentence(result)}", file=sys.stderr)
-        for cause in result.interval.narrowing[:MOST_NAMED]:
+        for cause in narrowing[:MOST_NAMED]:
             print(f"undecided: {plain(narrowing_text(cause))}", file=sys.stderr)
     for what in result.measured.unrecorded if result.is_open else ():
         print(f"not recorded: {plain(what)}", file=sys.stderr)

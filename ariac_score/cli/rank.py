@@ -14,7 +14,7 @@ from typing import Any
 from ariac_score.batch.bucket import fetched_batch
 from ariac_score.batch.results import results_of_batch
 from ariac_score.cli.notes import is_quiet, note
-from ariac_score.cli.outcome import FORMAT_HELP
+from ariac_score.cli.outcome import FORMAT_HELP, MOST_NAMED
 from ariac_score.cli.partial import add_partial
 from ariac_score.engine.prepared import log_map_of
 from ariac_score.errors import ScoreError, UsageError
@@ -189,7 +189,7 @@ def _keys(competition: Competition) -> Iterator[RunKey]:
 
 
 def exit_code(ranking: Ranking, *, listed: bool) -> int:
-    """6 when a run is unsettled, or a team that is not disqualified has no rank; else 0.
+    """6 when a run is unsettled or open, or a team that is not disqualified has no rank; else 0.
 
     Args:
         ranking: Of all teams.
@@ -204,8 +204,15 @@ def exit_code(ranking: Ranking, *, listed: bool) -> int:
         print(
             f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
         )
+    # A run that is open, and whose team has one score whatever it is worth, leaves nothing open.
+    ends = {standing.team: standing.open.execution for standing in final.standings if standing.open}
+    decided = out | {team for team, of in ends.items() if of.least == of.most}
+    open_ = dict.fromkeys(run.team for run in final.runs if run.open is not None and run.team not in decided)
+    if open_ and not listed:
+        teams = ", ".join(list(open_)[:MOST_NAMED]) + (", …" if len(open_) > MOST_NAMED else "")
+        print(plain(f"logs leave open what {teams} scored"), file=sys.stderr)
     placeless = any(s.rank is None and not s.disqualified for s in final.standings)
-    return EXIT_UNDECIDED if unsettled or placeless else 0
+    return EXIT_UNDECIDED if unsettled or open_ or placeless else 0
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ class Prepared:
                 )
 
     def refuse_misspelt_bounds(self) -> None:
-        """Refuse bounds of a kind of body that nobody has, and whose name is nearly that of one that is known.
+        """Refuse bounds of a kind of body that nobody has, under nearly the name of one that is known.
 
         A body of a kind that just this log map lacks is no mistake: rules are written for many of them.
 
@@ -201,15 +201,15 @@ class Prepared:
         known = {*DEFAULT_BOUNDS, *(body.kind for body in self.log_map.bodies), *(m.kind for m in matches)}
         watched = (each.check for each in self.checks.values() if isinstance(each.check, SubjectMonitor))
         known.update(kind for check in watched for kind in check.subjects.kinds)
-        stated = ((self.rule_set, RuleSetError), (self.log_map, LogMapError))
-        for of, kind, error in ((of, kind, error) for of, error in stated for kind in of.bounds):
-            if kind not in {*known, *ERRORS} and (near := get_close_matches(kind, sorted(known), 1, 0.75)):
-                raise error(
-                    f"'bounds:' states how fast a {kind!r} can be, and no body is of that kind",
-                    file=of.file or of.id,
-                    place=f"$.bounds.{kind}",
-                    hint=f"did you mean {near[0]!r}?",
-                )
+        for stated, error in ((self.rule_set, RuleSetError), (self.log_map, LogMapError)):
+            for kind in sorted(stated.bounds.keys() - known - {*ERRORS}):
+                if near := get_close_matches(kind, sorted(known), 1, 0.75):
+                    raise error(
+                        f"'bounds:' states how fast a {kind!r} can be, and no body is of that kind",
+                        file=stated.file or stated.id,
+                        place=f"$.bounds.{kind}",
+                        hint=f"did you mean {near[0]!r}?",
+                    )
 
     def refuse_unknown_quantities(self, recorded: Container[str] = ()) -> None:
         """Refuse monitors that need quantities which neither the vocabulary nor the log map knows.

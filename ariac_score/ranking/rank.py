@@ -34,7 +34,7 @@ from ariac_score.ranking.open_scores import (
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.doubt import counted, ends_where_runs_are_lost, undecided_text
+from ariac_score.results.doubt import counted, ends_where_runs_are_lost, why_withheld
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
@@ -364,7 +364,7 @@ def _outcome(
     if ended in AS_ZERO:
         return RunOutcome(*key, ended, OUTCOMES[ended], task=Decimal(0), score=Decimal(0), result=result)
     if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
-        return RunOutcome(*key, "undecided", _undecided(result), result=result, open=_ends(result))
+        return RunOutcome(*key, "undecided", why_withheld(result), result=result, open=_ends(result))
     try:
         terms = {name: _term(name, result, rule_set) for name in spec.terms}
     except FormulaError as error:
@@ -391,17 +391,6 @@ def _error_text(error: ScoreError) -> str:
     of_formula = isinstance(error, FormulaError) and not isinstance(error, OtherFactError)
     what = f"{error.place}: {error.cause}" if of_formula else str(error)
     return f"{what}; {error.hint}" if error.hint else what
-
-
-def _undecided(result: Result) -> str:
-    """The first finding that withholds the score, with its subject."""
-    findings = result.measured.findings
-    withheld = [
-        f"{findings[a.finding].subject}: {undecided_text(result, a)}"
-        for a in result.assumptions
-        if a.policy == "withhold"
-    ]
-    return withheld[0] if withheld else result.missing
 
 
 def _term(name: str, result: Result, rule_set: RuleSet) -> float:
@@ -471,11 +460,13 @@ class _Pool:
         values: The greatest of each term over the runs that are known.
         lost: Which run is not known, in words; empty where all are.
         withheld: Which run the rules withhold, in words; empty where they withhold none.
+        runs: How many there are.
     """
 
     values: Mapping[str, Mapping[str, float]]
     lost: str = ""
     withheld: str = ""
+    runs: int = 1
 
 
 _OF_ALL = "and the rules count what all runs did"
@@ -509,7 +500,7 @@ def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -
                 totals[name].append(value)
     # The greatest: of all that never falls with one more run only that stays as it is when a run is repeated.
     values = {f"runs.{name}": {"": max(found)} for name, found in totals.items() if found}
-    return _Pool(values, lost, withheld)
+    return _Pool(values, lost, withheld, len(runs))
 
 
 def _says_what_it_did(run: RunOutcome) -> bool:
@@ -553,8 +544,9 @@ def _priced(
         by_itself = run.open or Ends(run.score, run.score)
         ends = (ends or Ends(result.score, result.score)).around(by_itself.least).around(by_itself.most)
     priced = replace(run, score=result.score, result=result, kept=counts, open=ends)
-    # At its best, an open run of the same team may have done more than it counts.
-    if pool is None or not (pool.lost or pool.withheld or (is_open and rule_set.counts == "best")):
+    # At its best, another open run of the same team may have done more than it counts.
+    more = is_open and rule_set.counts == "best" and pool is not None and pool.runs > 1
+    if pool is None or not (pool.lost or pool.withheld or more):
         return priced
     return _beside_lost(priced, pool, rule_set, values)
 

@@ -13,7 +13,7 @@ from ariac_score.scoring.pricing import CountedWorld, counted_world, ends_beyond
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.statements import NOBODY
 
-__all__ = ["as_scored", "counted", "ends_where_runs_are_lost", "left_open", "undecided_text"]
+__all__ = ["as_scored", "counted", "ends_where_runs_are_lost", "left_open", "undecided_text", "why_withheld"]
 
 _PAUSE = "t_off_s"
 """How long a pause must be for two violations to be two, as monitors name it."""
@@ -78,6 +78,22 @@ def undecided_text(result: Result, assumption: Assumption) -> str:
     if finding is None or finding.verdict is Verdict.INCONCLUSIVE:
         return assumption.message
     return f"the log does not show everything; by its samples {assumption.message}"
+
+
+def why_withheld(result: Result) -> str:
+    """Why there is no score, in a line: what would narrow it most, else the first undecided finding."""
+    if result.missing:
+        return result.missing
+    if result.interval is not None and result.interval.narrowing:
+        first, *others = (one.cause for one in result.interval.narrowing)
+    else:
+        findings = result.measured.findings
+        first, *others = [
+            f"{findings[one.finding].subject}: {undecided_text(result, one)}"
+            for one in result.assumptions
+            if one.policy == "withhold"
+        ] or [result.status]
+    return f"{first} and {len(others)} more" if others else first
 
 
 def ends_where_runs_are_lost(

@@ -191,24 +191,48 @@ def test_runs_whose_logs_nobody_attests_are_counted_once_where_the_rules_leave_i
     assert page.count("ompleteness not attested in 2 of 2 runs: ") == page.count("not attested") == said
 
 
-def test_under_withhold_a_run_that_its_samples_alone_decide_is_told_as_that(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A gap of 40 ms at the near miss: "undecided: never nearer than 4.502 m" would read as decided."""
+def a_season_with_a_gap(folder: Path, counts: str) -> Path:
+    """Of one run that lacks 40 ms at the near miss; its log."""
     trial = kitting_trial()
     left = {}
     for name, signal in trial.signals.items():
         stays = abs(signal.t - 20.005) > 0.025
         left[name] = replace(signal, t=signal.t[stays], values=signal.values[stays])
-    (tmp_path / "a").mkdir()
-    write_trial_log(tmp_path / "a/kit_1.jsonl", replace(trial, signals=left), signals=SNAPSHOT_SIGNALS)
-    rules = "{id: w, title: W, source: a test, extends: paper2020.published, open: withhold}"
-    (tmp_path / "w.yaml").write_text(rules, encoding="utf-8")
+    (folder / "a").mkdir()
+    log = folder / "a/kit_1.jsonl"
+    write_trial_log(log, replace(trial, signals=left), signals=SNAPSHOT_SIGNALS)
+    rules = f"{{id: w, title: W, source: a test, extends: paper2020, open: {counts}}}"
+    (folder / "w.yaml").write_text(rules, encoding="utf-8")
     text = "{id: cup, rules: w.yaml, runs: '{team}/{trial}_{run}.jsonl', ranking: {keep: 1}}"
-    (tmp_path / "competition.yaml").write_text(text, encoding="utf-8")
+    (folder / "competition.yaml").write_text(text, encoding="utf-8")
+    return log
 
-    main(["rank", str(tmp_path), "--output-format", "json"])
+
+@pytest.mark.parametrize("counts", ["worst", "best"])
+def test_a_ranked_run_that_is_open_has_the_ends_that_it_has_by_itself_and_the_exit_code_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], counts: str
+) -> None:
+    """Rules that count what all runs of a team did know of no other run here."""
+    log = a_season_with_a_gap(tmp_path, counts)
+
+    assert main(["score", str(log), "--rules", str(tmp_path / "w.yaml"), "--output-format", "json"]) == 6
+    alone = json.loads(capsys.readouterr().out)["interval"]
+    assert main(["rank", str(tmp_path), "--output-format", "json"]) == 6
+
+    said = capsys.readouterr()
+    (run,) = json.loads(said.out)["runs"]
+    assert run["open"] == {"least": alone["least"], "most": alone["most"]}
+    assert "logs leave open what a scored\n" in said.err
+
+
+def test_under_withhold_a_run_says_what_leaves_its_score_open(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not what the first undecided check found: "never nearer than 4.502 m" would read as decided."""
+    a_season_with_a_gap(tmp_path, "withhold")
+
+    assert main(["rank", str(tmp_path), "--output-format", "json"]) == 6
 
     (run,) = json.loads(capsys.readouterr().out)["runs"]
     assert run["outcome"] == "undecided"
-    assert "the log does not show everything; by its samples" in json.dumps(run)
+    assert "a gap of 60 ms in the distance of robot and human" in run["reason"]

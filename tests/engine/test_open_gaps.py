@@ -190,7 +190,8 @@ def test_bounds_of_a_misspelt_kind_are_refused_and_those_of_one_that_this_log_la
 def test_misspelt_bounds_of_a_log_map_are_refused_as_its_own(tmp_path: Path) -> None:
     ours = tmp_path / "ours.yaml"
     ours.write_text(
-        "id: ours\ntitle: ours\nsource: by hand\nextends: ariac2020\nbounds: {humn: {max_speed_m_s: 0.6, source: walks}}\n",
+        "id: ours\ntitle: ours\nsource: by hand\nextends: ariac2020\n"
+        "bounds: {humn: {max_speed_m_s: 0.6, source: walks}}\n",
         "utf-8",
     )
     rules = rule_set_from_text(RULES.format(score="count(near)", contact_m=0.05), file="gaps.yaml")

@@ -257,7 +257,12 @@ def test_the_margins_of_the_moment_are_looked_at_without_what_may_have_been_befo
         settings = Settings(period_s=1e9, tail_period_s=period_s, tail_share=1.0, apart=False)
         shown: list[Running] = []
         source, record = Made(iter(_items()[:400])), tmp_path / f"{name}.mcap"
-        Watch(source, prepare("paper2020.published"), record, settings=settings, told=shown.append).run()
+        clock = iter(range(10**9))
+        rules = prepare("paper2020.published")
+        watch = Watch(
+            source, rules, record, settings=settings, told=shown.append, now_s=lambda c=clock: float(next(c))
+        )
+        watch.run()
         looks = looks or sum(bool(state.now) for state in shown)
         calls.append(len(worked_out))
         worked_out.clear()

@@ -159,7 +159,7 @@ def test_the_leaderboard_draws_what_is_open_apart_from_confidence(tmp_path: Path
     ranking = ranked(tmp_path / "c", {"a": ("10", "10", "10"), "b": ("8", "8", "12")})
     (tmp_path / "ranking.json").write_text(ranking_json(ranking, spec), encoding="utf-8")
 
-    assert main(["report", str(tmp_path / "ranking.json"), "-o", str(tmp_path / "site")]) == 0
+    assert main(["report", str(tmp_path / "ranking.json"), "-o", str(tmp_path / "site")]) == 6
     page = (tmp_path / "site/index.html").read_text(encoding="utf-8")
     # On a scale from 0 to 12 the bar of b lies from 8 to 12, its dot at 8; a has a dot alone.
     assert 'aria-label="open from 8.00 to 12.00"' in page

@@ -7,8 +7,9 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.report.openness import between, narrowing_text, undecided_text, which_counts
+from ariac_score.report.openness import between, narrowing_text, which_counts
 from ariac_score.report.text import amount_text
+from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line, taken_by
 from ariac_score.scoring.steward import with_verdicts
@@ -117,13 +118,8 @@ def narrowing(result: Result) -> list[str]:
 
 def why_none(result: Result) -> str:
     """Why there is no score."""
-    if result.missing:
-        return cut(result.missing)
-    withheld = [a for a in result.assumptions if a.policy == "withhold"]
-    if not withheld:
-        return result.status
-    more = f" and {len(withheld) - 1} more" if len(withheld) > 1 else ""
-    return f"undecided: {withheld[0].finding}: {cut(undecided_text(result, withheld[0]))}{more}"
+    why = why_withheld(result)
+    return cut(why if why in (result.missing, result.status) else f"undecided: {why}")
 
 
 def when(finding: Finding) -> str:
