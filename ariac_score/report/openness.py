@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from decimal import Decimal
 
@@ -12,7 +13,9 @@ from ariac_score.results.doubt import undecided_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 
-__all__ = ["between", "narrowing_text", "open_sentence", "undecided_text", "which_counts"]
+__all__ = ["between", "bounds_text", "narrowing_text", "open_sentence", "undecided_text", "which_counts"]
+
+_MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
 
 _COUNTS = {
     "worst": "the lower end counts",
@@ -67,6 +70,24 @@ def _not_the_team_s(interval: ScoreInterval) -> str:
     if isinstance(interval.unseen, UnsetType) or interval.counts != "worst":
         return ""
     return f"; {amount_text(interval.unseen)} less for what was not recorded, no doing of the team"
+
+
+def bounds_text(result: Result) -> str:
+    """How fast bodies are taken to be between samples, and who says so; empty where it fills no gap.
+
+    Our defaults are far from what a competition knows of its own robot, so how to state that is said as well.
+    """
+    stated = (one for of in (result.measured.settings or {}).values() for one in of.parameters)
+    found = {one.name.split(".")[1]: one for one in stated if _MAX_SPEED.fullmatch(one.name)}
+    if not found:
+        return ""
+    said = [
+        f"a {kind} at most {one.value:g} {one.unit}" + (f" ({one.source})" if one.origin != "default" else "")
+        for kind, one in sorted(found.items())
+    ]
+    ours = any(one.origin == "default" for one in found.values())
+    remedy = ", by our defaults; state what is so under 'bounds:' of the log map or the rule set"
+    return f"between samples: {', '.join(said)}{remedy if ours else ''}"
 
 
 def narrowing_text(one: Narrowing, spoken: Callable[[str], str] = str) -> str:

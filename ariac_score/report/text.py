@@ -12,7 +12,7 @@ from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
-from ariac_score.report.openness import narrowing_text, open_sentence
+from ariac_score.report.openness import bounds_text, narrowing_text, open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.statements import left_out, rests_on
 from ariac_score.report.summary import summary_of
@@ -290,6 +290,8 @@ def _narrowing(result: Result, style: Style) -> Iterator[str]:
     yield from (f"  {narrowing_text(one, plain)}" for one in result.interval.narrowing[:_SHOWN])
     if len(result.interval.narrowing) > _SHOWN:
         yield style(f"  … and {len(result.interval.narrowing) - _SHOWN} more; see the result", "dim")
+    if bounds := bounds_text(result):
+        yield style(f"  {plain(bounds)}", "dim")
 
 
 _POLICY_WORDS = {

@@ -22,6 +22,7 @@ from ariac_score.report.exports import exported
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.openness import undecided_text
 from ariac_score.report.text import score_text
+from ariac_score.results.result import Setting, Settings
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.policy import Assumption
 
@@ -119,6 +120,32 @@ def test_what_samples_alone_would_decide_is_told_as_that(closed: Result) -> None
     findings = {**closed.measured.findings, key: undecided}
     result = replace(result, measured=replace(closed.measured, findings=findings))
     assert undecided_text(result, seen_only) == "never nearer than 4.502 m, at 20.000 s"
+
+
+@pytest.mark.parametrize(
+    ("of_robot", "said"),
+    [
+        (
+            Setting("bounds.robot.max_speed_m_s", 5.0, "m/s", "default", source="our choice"),
+            "a human at most 1.6 m/s (walks), a robot at most 5 m/s, by our defaults; "
+            "state what is so under 'bounds:' of the log map or the rule set",
+        ),
+        (
+            Setting("bounds.robot.max_speed_m_s", 0.25, "m/s", "log_map", source="its rail"),
+            "a human at most 1.6 m/s (walks), a robot at most 0.25 m/s (its rail)",
+        ),
+    ],
+)
+def test_how_fast_bodies_are_taken_to_be_stands_below_what_would_narrow_a_score(
+    closed: Result, of_robot: Setting, said: str
+) -> None:
+    of_human = Setting("bounds.human.max_speed_m_s", 1.6, "m/s", "rule_set", source="walks")
+    hand = Setting("bounds.human.max_acceleration_m_s2", 3.0, "m/s2", "rule_set", source="walks")
+    settings = {"separation": Settings("ISO", (of_human, hand)), "contact": Settings("ISO", (of_robot,))}
+    result = opened(replace(closed, measured=replace(closed.measured, settings=settings)))
+
+    assert f"\n  between samples: {said}\n" in score_text(result)
+    assert "between samples" not in score_text(opened(closed))
 
 
 def test_every_export_has_both_ends_beside_the_one_that_counts(closed: Result) -> None:
