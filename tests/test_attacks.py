@@ -14,6 +14,7 @@ from decimal import Decimal
 from hashlib import sha256
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -302,6 +303,17 @@ def frames_at(rate_hz: float) -> Change:
     )
 
 
+def another_clock(copy: Copy) -> Copy:
+    """A simulated clock of half the pace is put in: all that was too near was so for half as long."""
+    ticks = []
+    for k in range(401):
+        ran_ns = 10**11 + k * 5 * 10**7
+        given = {"clock": {"sec": ran_ns // 10**9, "nanosec": ran_ns % 10**9}}
+        ticks.append(Recorded("/clock", "rosgraph_msgs/msg/Clock", ns(0.1 * k), given))
+    with TemporaryDirectory() as folder:
+        return copy.with_more(Copy.of(write_bag(Path(folder) / "ticks.mcap", ticks, storage="mcap")).messages)
+
+
 def shifted(copy: Copy) -> Copy:
     """The near miss is moved behind the end of the competition, all snapshots with it."""
     return copy.with_changed(
@@ -552,6 +564,15 @@ ATTACKS = (
         "19.891643",
         "0",
         "what comes back to the last bit is not believed",
+    ),
+    Attack(
+        "a simulated clock of half the pace put in",
+        example,
+        another_clock,
+        HONEST,
+        "its recorder began at 1700000001.000 s, and the competition at 100.250 s",
+        MANIFEST,
+        ATTESTED,
     ),
     Attack("all motion stamped 19 s later", example, shifted, HONEST, "0", "what then lacks is a gap"),
     Attack(

@@ -339,6 +339,26 @@ def test_headers_of_a_machine_whose_clock_is_not_set_are_not_mixed_with_times_of
     assert len(read(tmp_path / "u.mcap", moved).signals["position/human"]) == 20
 
 
+@pytest.mark.parametrize(
+    ("others", "stamp", "said"),
+    [
+        ([], "", "log time (of recording: no message carries its own, so a slow simulation would not show)"),
+        ([], "log", "log time"),
+        ([joints(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),
+        ([tick(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),
+    ],
+    ids=["nothing", "declared by the log map", "headers", "clock messages"],
+)
+def test_where_nothing_shows_which_clock_its_nodes_were_on_a_recording_says_so(
+    tmp_path: Path, others: list[Recorded], stamp: str, said: str
+) -> None:
+    """A slow simulation and a fast one look alike there, and what took 27 s counts 31.8."""
+    trial = of_snapshots(tmp_path / "t.mcap", slow(1.0, *others), "mcap", stamp=stamp)
+
+    (clock,) = trial.clocks
+    assert str(replace(clock, origin_ns=None)) == said
+
+
 def test_whoever_declares_the_clock_of_every_topic_is_believed(tmp_path: Path) -> None:
     messages = slow(0.85, *(joints(5 * S + i * S, WALL_NS + round(i * S / 0.85)) for i in range(30)))
 

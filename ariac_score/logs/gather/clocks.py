@@ -42,6 +42,8 @@ _UNSET_BEYOND_NS = 10**9
 
 _LATEST_NS = 2**63 - 1
 
+_UNCONFIRMED = "of recording: no message carries its own, so a slow simulation would not show"
+
 _REMEDY = (
     "let the recorder stamp with simulated time (`rosbag record` with /use_sim_time, `ros2 bag record "
     "--use-sim-time`) or record /clock too; in a log map, `stamp: log` reads a topic by times of recording"
@@ -285,13 +287,20 @@ class Clocks:
                 hint=f"{why}: {_REMEDY}",
             )
 
+    @property
+    def _unconfirmed(self) -> str:
+        """That all times are those of the recorder, on which a slow simulation looks longer; else empty."""
+        known = (*self._topics.values(), *self._witnesses.values())
+        stamped = self._ticks_near or any(topic.near or topic.declared for topic in known)
+        return "" if stamped or not known else _UNCONFIRMED
+
     def trial_clock(self, first_ns: int, last_ns: int) -> TrialClock:
         """The clock of a trial that was recorded from a first to a last log time.
 
         Simulated time has a zero of its own, which other logs of the run share; log time has none.
         """
         if self._simulated is None:
-            clock, origin_ns = Clock(LOG_TIME, first_ns), first_ns
+            clock, origin_ns = Clock(LOG_TIME, first_ns, self._unconfirmed), first_ns
         else:
             clock, origin_ns = Clock(SIMULATED_TIME), 0
         ends_ns = self.of_log(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
