@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 
@@ -21,6 +22,9 @@ INSTANT_S = 1e-9
 CELL_M = 0.005
 """A cell is so short that nothing moves further in it, within the least and the most number of them."""
 LEAST_CELLS, MOST_CELLS = 2, 1024
+
+_ROUND_NS = 1024 * 10**9
+"""A multiple of the length of each cell that is shorter, ns."""
 
 
 # Streams and their open intervals --------------------------------------------------------------
@@ -107,7 +111,11 @@ class Cells:
 
 
 def cells_of(
-    window: Span, measured: Sequence[FloatArray], streams: Sequence[Stream], rate_m_s: float
+    window: Span,
+    measured: Sequence[FloatArray],
+    streams: Sequence[Stream],
+    rate_m_s: float,
+    clocks: Sequence[Clock] = (),
 ) -> Cells:
     """The cells between samples.
 
@@ -116,14 +124,17 @@ def cells_of(
         measured: Times of samples, each shape (k,), s.
         streams: Their open intervals are cut finely.
         rate_m_s: How fast anything changes, m/s: the faster, the finer.
+        clocks: Of the log. Cells are cut at multiples of their length on its clock, so that where a recording
+            begins, such as with a message that nobody reads, moves no bound.
     """
+    zero_s = ((clocks[0].origin_ns or 0) % _ROUND_NS) / 1e9 if clocks else 0.0
     found = [np.array([window.start_s, window.end_s]), *measured]
     for stream in streams:
         starts, ends = stream.edges(window)
         steps_s = _steps_s(ends - starts, rate_m_s)
         for step_s in distinct(steps_s):  # all intervals that are cut alike at once
             own = steps_s == step_s
-            found.append(_multiples(step_s, starts[own], ends[own]))
+            found.append(_multiples(step_s, starts[own] + zero_s, ends[own] + zero_s) - zero_s)
         found += [np.minimum(starts + INSTANT_S, ends), ends]
         found.append(stream.t[stream.open[1:] | stream.open[:-1]])
     t = distinct(np.concatenate(found))

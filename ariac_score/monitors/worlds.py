@@ -141,7 +141,7 @@ class _Grid:
     def cells(self) -> Cells:
         rate = max(self.unseen.rate_m_s(signal) for signal in self.signals.values())
         measured = [signal.t for signal in self.signals.values()]
-        return cells_of(self.window, measured, self.opened, rate)
+        return cells_of(self.window, measured, self.opened, rate, self.unseen.trial.clocks)
 
 
 def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) -> Opened | None:

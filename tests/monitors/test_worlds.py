@@ -16,6 +16,7 @@ from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.monitors.unseen import Unseen, broken_bounds
 from ariac_score.trial.bounds import BetweenSamples, between_samples
 from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.clock import Clock
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score_ariac.safety import HumanContact
@@ -210,6 +211,30 @@ def test_every_interval_is_a_gap_where_the_log_lacks_half_as_many_samples_as_it_
     assert [cause.text for one in opened for cause in one.causes] == (
         [f"{gaps} gaps of 20 to 20 ms on /scanner"] if gaps else []
     )
+
+
+@pytest.mark.parametrize("earlier_ns", [398_153, 123_456_789, 5_000_000_001])
+def test_where_a_recording_begins_moves_no_bound(earlier_ns: int) -> None:
+    """A message that nobody reads came first: all times are later, and the zero of their clock earlier."""
+    first_ns = 1_795_333_995_851_545_590
+    gap = trial(sampled(2.0, 2.0, 3.0))
+    later_s = earlier_ns / 1e9
+    (signal,) = gap.signals.values()
+    moved = replace(
+        gap,
+        signals={signal.name: replace(signal, t=signal.t + later_s)},
+        events=tuple(replace(one, t_s=one.t_s + later_s) for one in gap.events),
+        recorded=Span(later_s, 5.0 + later_s),
+    )
+
+    for quantity in ("time_in_violation_s", "depth_integral_m_s"):
+        most = [
+            of_gap(worlds.worst, quantity)
+            for one, zero_ns in ((gap, first_ns), (moved, first_ns - earlier_ns))
+            for worlds in found(NEARER_THAN_1_M, replace(one, clocks=(Clock("log time", zero_ns),)))[1]
+        ]
+        assert most[0] == pytest.approx(most[1], abs=1e-9)
+        assert most[0] > 0.0
 
 
 def test_leaving_samples_out_never_makes_the_worst_world_better() -> None:
