@@ -6,14 +6,17 @@ of them is stated as the findings of a world of its own: a price is known as soo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ariac_score.checks.findings import Finding, canonical_span, settled
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.spans import Span
 
-__all__ = ["Cause", "OpenFindings", "Worlds", "settled_open"]
+__all__ = ["MOST_SPANS", "Cause", "OpenFindings", "Worlds", "gaps_in_words", "in_words", "settled_open"]
+
+MOST_SPANS = 1000
+"""Of a cause, stretches that are kept; its text counts them all."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,36 @@ class Cause:
     text: str
     source: str = ""
     spans: tuple[Span, ...] = ()
+
+
+def gaps_in_words(spans: Sequence[Span]) -> str:
+    """How many gaps there are, and how long.
+
+    >>> gaps_in_words([Span(1.0, 1.051), Span(2.0, 2.097)])
+    '2 gaps of 51 to 97 ms'
+    """
+    lengths_ms = [1000.0 * span.duration_s for span in spans]
+    if len(lengths_ms) == 1:
+        return f"a gap of {lengths_ms[0]:.0f} ms"
+    return f"{len(lengths_ms)} gaps of {min(lengths_ms):.0f} to {max(lengths_ms):.0f} ms"
+
+
+def in_words(causes: Sequence[Cause]) -> str:
+    """What several causes of one source say together: one gap may leave several checks open.
+
+    Args:
+        causes: All of one source, or only one.
+
+    >>> one, other = Cause("a gap of 9 ms on /a", "/a", (Span(0, 0.009),)), Cause("a gap of 5 ms on /a", "/a")
+    >>> in_words([one, replace(other, spans=(Span(2, 2.005),))]), in_words([one, one])
+    ('2 gaps of 5 to 9 ms on /a', 'a gap of 9 ms on /a')
+    """
+    first = max(causes, key=lambda cause: len(cause.spans))
+    here = gaps_in_words(first.spans) if first.spans else ""
+    if not here or not first.text.startswith(here) or len(first.spans) >= MOST_SPANS:
+        return first.text
+    spans = sorted({span for cause in causes for span in cause.spans}, key=lambda span: span.start_s)
+    return gaps_in_words(spans) + first.text.removeprefix(here)
 
 
 @dataclass(frozen=True)

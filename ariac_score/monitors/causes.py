@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from ariac_score.checks.open_findings import Cause
+from ariac_score.checks.open_findings import MOST_SPANS, Cause, gaps_in_words
 from ariac_score.monitors.cells import TOLERANCE_S, Stream
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, merged
 from ariac_score.trial.vocabulary import signal_in_words
 
 __all__ = ["causes_of_cells", "causes_of_spans"]
-
-MOST_SPANS = 1000
-"""Of a cause, stretches that are kept; its text counts them all."""
 
 
 def causes_of_cells(
@@ -40,11 +38,10 @@ def causes_of_cells(
         if matters.any() or not any(len(begins) for begins, _ in differing):
             kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
-            lengths = 1000.0 * (ends - starts)[kept]
             stored = spans if len(spans) <= MOST_SPANS else merged(spans, within_s=TOLERANCE_S)[:MOST_SPANS]
-            words = (
-                f"{_gaps(lengths.tolist())} {places[source]}{late.get(source, '')}{_thinned(opened, source)}"
-            )
+            own = [stream for stream in opened if _source(stream.signal) == source]
+            remarks_of = (late.get(source, ""), _thinned(own), _outermost(own, spans))
+            words = f"{gaps_in_words(spans)} {places[source]}{''.join(remarks_of)}"
             found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
 
@@ -52,9 +49,10 @@ def causes_of_cells(
 def causes_of_spans(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Cause, ...]:
     """Why the same spans are open of all streams."""
     places = dict(sorted((_source(stream.signal), _place(stream.signal)) for stream in opened))
-    lengths = [1000.0 * span.duration_s for span in spans]
     source = next(iter(places)) if len(places) == 1 else ""
-    return (Cause(f"{_gaps(lengths)} {' and '.join(places.values())}", source, tuple(spans[:MOST_SPANS])),)
+    return (
+        Cause(f"{gaps_in_words(spans)} {' and '.join(places.values())}", source, tuple(spans[:MOST_SPANS])),
+    )
 
 
 def _source(signal: Signal) -> str:
@@ -79,14 +77,15 @@ def _late(opened: Sequence[Stream]) -> dict[str, str]:
     }
 
 
-def _thinned(opened: Sequence[Stream], source: str) -> str:
+def _outermost(own: Sequence[Stream], spans: Sequence[Span]) -> str:
+    """That a gap of a source is before all that was recorded of it, or after it; empty where none is."""
+    first_s = min((float(one.t[0]) for one in own if len(one.t)), default=-math.inf)
+    last_s = max((float(one.t[-1]) for one in own if len(one.t)), default=math.inf)
+    before = ", one before its first message" if spans[0].end_s <= first_s else ""
+    return before + (", one after its last message" if spans[-1].start_s >= last_s else "")
+
+
+def _thinned(own: Sequence[Stream]) -> str:
     """That a source is recorded less often than it is published, in words; empty where it is not."""
-    published_s = max((one.published_s for one in opened if one.signal.source == source), default=0.0)
+    published_s = max((one.published_s for one in own), default=0.0)
     return f", which is published every {1000.0 * published_s:g} ms" if published_s else ""
-
-
-def _gaps(lengths_ms: Sequence[float]) -> str:
-    least, most = min(lengths_ms), max(lengths_ms)
-    if len(lengths_ms) == 1:
-        return f"a gap of {least:.0f} ms"
-    return f"{len(lengths_ms)} gaps of {least:.0f} to {most:.0f} ms"

@@ -416,9 +416,9 @@ class _Around:
         )
 
     def _note_unbounded(self, label: str, one: Variable) -> None:
-        self.worlds.unbounded[f"nothing bounds {label} of {one.subject or 'the trial'}: {one.causes[0]}"] = (
-            None
-        )
+        self.worlds.unbounded[
+            f"nothing bounds {label} of {one.subject or 'the trial'}: {one.causes[0].text}"
+        ] = None
 
 
 def _is_violated(finding: Finding) -> bool:

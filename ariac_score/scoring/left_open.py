@@ -8,7 +8,7 @@ from math import ceil, inf
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
-from ariac_score.checks.open_findings import OpenFindings
+from ariac_score.checks.open_findings import Cause, OpenFindings
 from ariac_score.trial.spans import Span
 from ariac_score.trial.window import Lasted
 
@@ -65,7 +65,7 @@ class Variable:
         best: The findings in its best world, by id.
         worst: Those in its worst world.
         seen: Ids of the findings that these replace.
-        causes: Why it is open, in words.
+        causes: Why it is open.
         is_verdict: Whether it is one verdict, so that there is no world between both.
         tight: Whether both worlds may have been.
         fewest: No world has fewer violations.
@@ -81,7 +81,7 @@ class Variable:
     best: Mapping[str, Finding]
     worst: Mapping[str, Finding]
     seen: tuple[str, ...]
-    causes: tuple[str, ...]
+    causes: tuple[Cause, ...]
     is_verdict: bool
     tight: bool
     fewest: float
@@ -139,7 +139,7 @@ def _duration(lasted: Lasted) -> Variable:
         best={},
         worst={},
         seen=(),
-        causes=(lasted.why,),
+        causes=(Cause(lasted.why),),
         is_verdict=False,
         tight=True,
         fewest=0,
@@ -159,7 +159,7 @@ def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool) -> Vari
             key: _not_seen(f, "worst") if f.verdict is Verdict.VIOLATED else f for key, f in one.worst.items()
         },
         seen=seen,
-        causes=tuple(cause.text for cause in one.causes) or (f"{one.check} of {one.subject} was not seen",),
+        causes=one.causes or (Cause(f"{one.check} of {one.subject} was not seen"),),
         is_verdict=False,
         tight=one.tight,
         fewest=min(in_best, in_worst),
@@ -202,7 +202,7 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mappin
         best={key: _satisfied(finding, dict.fromkeys(quantities, 0.0))},
         worst={key: worst},
         seen=(key,),
-        causes=(finding.message,),
+        causes=(Cause(finding.message),),
         is_verdict=False,
         tight=False,
         fewest=0,
@@ -242,7 +242,7 @@ def _undecided(key: str, finding: Finding, declared: Mapping[str, Measure]) -> V
             )
         },
         seen=(key,),
-        causes=(finding.message,),
+        causes=(Cause(finding.message),),
         is_verdict=True,
         tight=True,
         fewest=0,

@@ -123,7 +123,7 @@ def contribute(
         among = _open_checks(used, policies) | (named & {DURATION})
         variables = variables_of(assumed.findings, left_open, among, {})
         if variables:
-            undecided[name] = variables[0].causes[0]
+            undecided[name] = variables[0].causes[0].text
         else:
             values += sheet.contributions(scopes, assumed.findings, only=name)
     return Contributed(tuple(values), undecided)

@@ -13,6 +13,7 @@ import pytest
 
 from ariac_score import LogError, Result, Trial, Verdict, load_log_map, load_rule_set, score_trial
 from ariac_score.checks.registry import Registry
+from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.review.readiness import check_log
 from ariac_score.trial.derive import Derivation, derive_signals
@@ -127,4 +128,26 @@ def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_pat
     assert not found.tight  # stamps of arrival, and three signals that need not have their worst together
     (narrowing,) = found.narrowing
     assert narrowing.cause.endswith("ms on /snapshot, stamped on arrival up to 90 ms late")
+    assert narrowing.at_most == found.most - found.least
+
+
+def test_one_gap_of_two_topics_is_one_line_of_what_would_narrow_a_score(tmp_path: Path) -> None:
+    """Separation and contact are open in it, for a robot seen in frames and a human on a topic of her own."""
+    ours = tmp_path / "ours.yaml"
+    ours.write_text(
+        "id: ours\ntitle: Two sources\nsource: by hand\nbodies: {human: {kind: human}}\n"
+        "frames: [{match: torso_base, kind: robot, body: robot}]\n"
+        "channels:\n  - {topic: /tf, poses: frames}\n"
+        "  - topic: /lab/human_pose\n"
+        "    signals: {position/human: [pose.position.x, pose.position.y, pose.position.z]}\n",
+        encoding="utf-8",
+    )
+    found = score_trial(REAL / "walk_done.bag", prepare("safety", log_map=str(ours))).interval
+
+    assert found is not None
+    (narrowing,) = found.narrowing
+    assert narrowing.cause == (
+        "2 gaps of 68 to 2896 ms on /lab/human_pose and on tf frames, one before its first message"
+    )
+    assert set(narrowing.checks) == {"human_contact", "separation"}
     assert narrowing.at_most == found.most - found.least
