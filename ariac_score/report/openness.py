@@ -12,8 +12,17 @@ from ariac_score.report.figures import amount_text, rounded_points
 from ariac_score.results.doubt import undecided_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
+from ariac_score.scoring.ledger import taken_by
 
-__all__ = ["between", "bounds_text", "narrowing_text", "open_sentence", "undecided_text", "which_counts"]
+__all__ = [
+    "between",
+    "bounds_text",
+    "is_at_worst",
+    "narrowing_text",
+    "open_sentence",
+    "undecided_text",
+    "which_counts",
+]
 
 _MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
 
@@ -88,6 +97,12 @@ def bounds_text(result: Result) -> str:
     ours = any(one.origin == "default" for one in found.values())
     remedy = ", by our defaults; state what is so under 'bounds:' of the log map or the rule set"
     return f"between samples: {', '.join(said)}{remedy if ours else ''}"
+
+
+def is_at_worst(result: Result) -> bool:
+    """Whether something undecided took of the task score, which is what it is before others are looked at."""
+    taken = taken_by(result.task)
+    return any(one.finding in taken for one in result.assumptions)
 
 
 def narrowing_text(one: Narrowing, spoken: Callable[[str], str] = str) -> str:

@@ -15,7 +15,7 @@ from ariac_score.report.figures import amount_text, count_in_words, rounded_poin
 from ariac_score.report.openness import open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.words import capital
-from ariac_score.results.doubt import counted
+from ariac_score.results.doubt import counted, why_withheld
 from ariac_score.results.result import Result
 from ariac_score.results.safety import safety_checks
 from ariac_score.results.sketch import DrawnChart
@@ -246,7 +246,7 @@ class _Teller:
             return open_sentence(result, result.digits) + (f" (open because of {why}{more})" if why else "")
         if result.score is None:
             if not many:
-                why = _cut(result.missing, _LONGEST_MESSAGE) or "something it depends on is undecided"
+                why = _cut(why_withheld(result), _LONGEST_MESSAGE)
                 return f"there is no score, because {why}"
             first = _cut(result.assumptions[0].message, _LONGEST_MESSAGE)
             return f"there is no score, because {about} undecided ({first})"

@@ -12,11 +12,12 @@ from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
-from ariac_score.report.openness import bounds_text, narrowing_text, open_sentence
+from ariac_score.report.openness import bounds_text, is_at_worst, narrowing_text, open_sentence
 from ariac_score.report.places import Places
 from ariac_score.report.statements import left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
+from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
 from ariac_score.review.task_and_safety import task_and_safety
@@ -70,8 +71,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     elif result.status == "needs_cohort":
         yield style("needs_cohort", "bold", "yellow") + f" — {plain(result.missing)}"
     else:
-        why = plain(result.missing) or "something it depends on is undecided"
-        yield style("no score", "bold", "yellow") + f" — withheld, because {why}"
+        why = f", because {plain(result.missing)}" if result.missing else f": {plain(why_withheld(result))}"
+        yield style("no score", "bold", "yellow") + f" — withheld{why}"
     if result.interval is not None:
         yield style(open_sentence(result), "yellow")
     for reason in measured.unofficial:
@@ -80,7 +81,9 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     if told:
         yield told
     if result.task is not None:
-        yield f"task score {style(amount_text(result.task.amount), 'bold')}, before other teams are looked at"
+        at_worst = " at worst" if is_at_worst(result) else ""
+        task = style(amount_text(result.task.amount), "bold")
+        yield f"task score {task}{at_worst}, before other teams are looked at"
     who = f"{plain(measured.team)}, " if measured.team else ""
     yield f"{who}{plain(measured.trial)} under {result.provenance.rule_set.id}: {result.rule_set_title}"
     if measured.window is not None:

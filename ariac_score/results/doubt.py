@@ -93,7 +93,7 @@ def why_withheld(result: Result) -> str:
             for one in result.assumptions
             if one.policy == "withhold"
         ] or [result.status]
-    return f"{first} and {len(others)} more" if others else first
+    return f"{first}, and {len(others)} more" if others else first
 
 
 def ends_where_runs_are_lost(

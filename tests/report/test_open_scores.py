@@ -112,7 +112,7 @@ def test_what_samples_alone_would_decide_is_told_as_that(closed: Result) -> None
     said = "the log does not show everything; by its samples never nearer than 4.502 m, at 20.000 s"
     assert undecided_text(result, seen_only) == said
     # Why there is no score says first what would narrow it most.
-    assert f'message="undecided: {GAPS} and 2 more"' in exported(result, "junit")
+    assert f'message="undecided: {GAPS}, and 2 more"' in exported(result, "junit")
     nothing = replace(result, interval=None)
     assert f"undecided: robot/human: {said}" in exported(nothing, "junit")
     # Of what is undecided by its samples as well, its own words say why.

@@ -26,10 +26,11 @@ from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
-from ariac_score.report.openness import which_counts
+from ariac_score.report.openness import is_at_worst, which_counts
 from ariac_score.report.places import Places
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
+from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.results.sketch import Sketch
 from ariac_score.review.lost_points import recoverable_losses
@@ -88,6 +89,8 @@ def trial_page(
         parts=parts_of(result, split) if split else None,
         places=Places(result),
         result=result,
+        why_none=why_withheld(result),
+        task_at_worst=is_at_worst(result),
         measured=measured,
         stored=stored,
         decisions=_decisions(result),

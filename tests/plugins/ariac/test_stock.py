@@ -940,9 +940,24 @@ def test_a_stock_recording_of_2024_is_scored_by_command_without_any_message_of_o
     assert not [m for m in recorded_2024() if m.topic.startswith("/ariac_score")]
 
     main(["score", str(log), "--rules", "ariac2024.official"])
-    assert "task score 10, before other teams are looked at" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said.startswith(
+        "no score — withheld: team: no team configuration and no official record says which"
+    )
+    assert "task score 10, before other teams are looked at" in said
+    main(["score", str(log), "--rules", "ariac2024.as_documented"])
+    said = capsys.readouterr().out
+    assert said.startswith(
+        "no score — withheld: COMB0001/COMB0001/part_0: it was submitted, but the log does not"
+    )
+    assert "task score 0 at worst, before other teams are looked at" in said
     assert main(["score", str(log), "--rules", "ariac2024.safe"]) == 6
     said = capsys.readouterr().out
     # Nobody is in it whose motion could be judged, and the simulator of 2024 has no human of its own.
     assert "the score lies somewhere between 0 and 10; the lower end counts" in said
     assert "  the log shows no robot and no human: at most 10 points\n" in said
+
+    nobody_walks = at(-4.0, "/ariac/trial_config", "ariac_msgs/msg/Trial", challenges=[])
+    log = stock_bag(tmp_path / "configured", "2024", [*recorded_2024(), nobody_walks], monkeypatch)
+    assert main(["score", str(log), "--rules", "ariac2024.safe"]) == 0
+    assert capsys.readouterr().out.startswith("10 of 10 possible\n")
