@@ -255,6 +255,12 @@ ROWS = (
         6,
     ),
     Row(
+        "the same without `/clock`, beside nothing that has a stamp",
+        lambda: slowed(by_snapshots()),
+        r"log time \(of recording: no message carries its own, so a slow simulation would not show\)$",
+        "the score of the recorder's times, and that nothing shows whether the nodes were on them",
+    ),
+    Row(
         "frames are stamped in simulated time, which falls 5 s behind the recorder's, without `/clock`",
         lambda: slowed(by_frames()),
         r"on topic /tf its headers and the recorder drift \+\d\.\d+ s apart.*\n.*record /clock too",
