@@ -94,7 +94,7 @@ def _print_what_is_open(result: Result) -> None:
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
             withheld.setdefault(undecided_text(result, assumption), []).append(assumption.finding)
-    for message, found in withheld.items() if not narrowing else ():  # which names them together
+    for message, found in withheld.items() if not narrowing else ():  # that names them together
         for named in found if len(found) <= MOST_NAMED else [_and_more(found)]:
             print(f"undecided: {named}: {plain(message)}", file=sys.stderr)
     if ONLY_OFFICIAL in withheld:
