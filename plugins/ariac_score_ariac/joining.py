@@ -162,6 +162,9 @@ def _orders(parts: Sequence[Trial], announced: Mapping[str, float], file: object
     # A log may announce an order again and again.
     as_announced = [settle_orders(group, file=file) for _, group in stating if is_announced(group)]
     found = [group for _, group in stating if not is_announced(group)]
+    # A log on another clock says what was asked for, not when: what it lacks, the configuration may have.
+    stated = {o.id: o for group in found for o in group if o.priority_said}
+    found = [tuple(_completed(order, stated.get(order.id)) for order in group) for group in found]
     orders = only("orders", as_announced or found, file) or ()
     configured = {o.id: o for group in found for o in group} if as_announced else {}
     orders = tuple(_completed(order, configured.get(order.id)) for order in orders)
@@ -228,7 +231,7 @@ def _refuse_other_priorities(parts: Sequence[Trial], official: OfficialResult | 
         ContradictionError: Naming both, and what each says.
     """
     stating = [(part, orders_of(part)) for part in parts if part.work]
-    silent = {o.id for _, orders in stating if is_announced(orders) for o in orders if not o.priority_said}
+    silent = {order.id for _, orders in stating for order in orders if not order.priority_said}
     printed = {one.id: one.items.get("priority", "") for one in official.summaries} if official else {}
     for part, orders in stating:
         for order in orders:

@@ -6,6 +6,7 @@ import gzip
 import json
 import math
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -484,6 +485,18 @@ def test_the_console_of_an_official_run_of_2022_says_that_nothing_was_handed_in(
     assert of["order_score"].verdict is Verdict.VIOLATED
     assert result.measured.window is not None
     assert result.measured.window.end_s == pytest.approx(result.measured.window.start_s + 14.852, abs=0.1)
+
+    # Beside its official text, which is on another clock, the configuration says the priority of the order.
+    trial = tmp_path / "beside"
+    trial.mkdir()
+    shutil.copy(bag, trial / "run.bag")
+    shutil.copy(log.parents[1] / "performance.log", trial)
+    text = (log.parents[1] / "config/trial_kitting.yaml").read_text(encoding="utf-8")
+    for priority, possible in ((1, 4), (3, 12)):
+        stated = re.sub(r"(?m)^    priority: 1$", f"    priority: {priority}", text)
+        (trial / "trial.yaml").write_text(stated, encoding="utf-8")
+        both = score_trial(trial, rules="ariac2022.as_coded")
+        assert (both.score, both.possible) == (0, possible)
 
 
 # 2023 and 2024: the task manager prints its verdict
