@@ -13,16 +13,17 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding
-from ariac_score.engine.price import price_trial, reprice
+from ariac_score.engine.price import reprice
 from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome, Stewarded, rank_again
 from ariac_score.ranking.spec import Spec
-from ariac_score.results.adjustments import Adjustments, apply, check_targets
+from ariac_score.results.adjustments import Adjustments, apply, check_targets, priced_with
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.decimals import in_own_decimals
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.pricing import Priced
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import (
@@ -165,17 +166,27 @@ def _changed(
         decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         result=replace(result, adjusted=adjusted),
-        open=_ends(run, adjusted),
+        open=_ends(run, adjusted, _left_open(result, adjusted, rule_set)),
     )
 
 
-def _ends(run: RunOutcome, adjusted: Adjusted) -> Ends | None:
-    """Between what an adjusted score lies: points move both ends, any other ruling decides what was open."""
-    moved = all(a.points is not None or a.dismissed for a in adjusted.adjustments)
-    if run.open is None or run.score is None or adjusted.score is None or not moved:
+def _left_open(result: Result, adjusted: Adjusted, rule_set: RuleSet) -> ScoreInterval | None:
+    """What verdicts leave open of a result; `None`: nothing, or it has no score."""
+    if adjusted.score is None or not any(a.verdict for a in adjusted.adjustments):
         return None
-    by = adjusted.score - run.score
-    return Ends(run.open.least + by, run.open.most + by)
+    # It was priced a moment ago, so it has a value.
+    findings = with_verdicts(result.measured.findings, adjusted.adjustments)
+    return priced_with(result, findings, rule_set).interval
+
+
+def _ends(run: RunOutcome, adjusted: Adjusted, left: ScoreInterval | None) -> Ends | None:
+    """Between what an adjusted score lies: points move both ends of what is open, verdicts leave others."""
+    if run.open is None or adjusted.score is None or any(a.settles for a in adjusted.adjustments):
+        return None
+    by = sum((a.points for a in adjusted.adjustments if a.points is not None), Decimal(0))
+    if not any(a.verdict for a in adjusted.adjustments):
+        return Ends(run.open.least + by, run.open.most + by)
+    return None if left is None else Ends(left.least + by, left.most + by)
 
 
 def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
@@ -197,9 +208,7 @@ def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet
         return settled.score or Decimal(0)
     findings = with_verdicts(result.measured.findings, adjusted.adjustments)
     try:
-        priced = price_trial(
-            replace(result.measured, findings=findings), rule_set, result.provenance, result.cohort
-        )
+        priced = priced_with(result, findings, rule_set)
     except FormulaError:
         return run.task
     points = sum((a.points for a in adjusted.adjustments if a.points is not None), Decimal(0))

@@ -6,21 +6,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timezone
 from decimal import Decimal
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import DataFileError, did_you_mean
 from ariac_score.results.doubt import as_scored
 from ariac_score.results.result import Result
-from ariac_score.scoring.left_open import LeftOpen
+from ariac_score.scoring.left_open import TIMES, LeftOpen
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.steward import Adjusted, Adjustment, FiledAdjustment, adjusted_ledger, check_effects
 
-__all__ = ["Adjustments", "adjust", "adjustments_template", "apply", "check_targets", "load_adjustments"]
+__all__ = [
+    "Adjustments",
+    "adjust",
+    "adjustments_template",
+    "apply",
+    "check_targets",
+    "load_adjustments",
+    "priced_with",
+]
 
 
 @dataclass(frozen=True)
@@ -97,15 +107,55 @@ def _time(document: YamlDocument, number: int, value: Any) -> Any:
 
 
 def _still_open(result: Result, findings: Mapping[str, Finding], rule_set: RuleSet) -> LeftOpen:
-    """What is open where nobody has decided on the same check and subject."""
+    """What is open after decisions: of a check and a subject either all that was, or what nobody decided.
+
+    Both of its worlds are of all its gaps together, and no decision about one of them says what they are
+    without it. So they stay until each undecided finding is decided, or a violation that was seen. The gaps
+    within such a violation are decided with it.
+    """
     before, known = result.measured.findings, as_scored(result, rule_set)
-    decided = {
-        (finding.check, finding.subject)
-        for key, finding in findings.items()
-        if key in before and finding.verdict is not before[key].verdict
-    }
-    kept = tuple(one for one in known.findings if (one.check, one.subject) not in decided)
-    return replace(known, findings=kept)
+    kept = []
+    for one in known.findings:
+        own = {k: f for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject)}
+        decided = [key for key, f in own.items() if f.verdict is not before[key].verdict]
+        ruled = [own[key] for key in decided if before[key].verdict is not Verdict.INCONCLUSIVE]
+        undecided = any(finding.verdict is Verdict.INCONCLUSIVE for finding in own.values())
+        if not ruled and (undecided or not decided):
+            kept.append(one)
+        elif undecided:
+            kept.append(_of_gaps(one, own, ruled))
+    return replace(known, findings=tuple(kept))
+
+
+def _of_gaps(one: OpenFindings, own: Mapping[str, Finding], ruled: Sequence[Finding]) -> OpenFindings:
+    """Worlds where a seen violation is decided: none in a gap beside it, or one as bad as the worst had."""
+    worst = [finding for finding in one.worst.values() if finding.verdict is Verdict.VIOLATED]
+    most: dict[str, float] = {}
+    for finding in worst:
+        for name, value in finding.quantities.items():
+            most[name] = max(value, most.get(name, value))
+    units = {name: unit for finding in worst for name, unit in finding.units.items()}
+    seen, violated = {}, {}
+    for key, finding in own.items():
+        within = next((each for each in ruled if _is_within(finding, each)), None)
+        if finding.verdict is not Verdict.INCONCLUSIVE:
+            seen[key] = finding
+        elif within is not None:
+            seen[key] = replace(finding, verdict=within.verdict)
+        else:
+            lasted_s = inf if finding.span is None else finding.span.duration_s
+            quantities = {n: min(v, lasted_s) if n in TIMES else v for n, v in most.items()}
+            critical = any(each.critical for each in worst)
+            violated[key] = replace(
+                finding, verdict=Verdict.VIOLATED, quantities=quantities, units=units, critical=critical
+            )
+    return replace(one, best=seen, worst={**seen, **violated}, tight=False)
+
+
+def _is_within(finding: Finding, other: Finding) -> bool:
+    if finding.span is None or other.span is None:
+        return False
+    return other.span.start_s <= finding.span.start_s and finding.span.end_s <= other.span.end_s
 
 
 def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> Adjustment:
@@ -224,20 +274,36 @@ def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha25
         DataFileError: One of them needs a score, and there is none.
     """
 
-    def priced(findings: Mapping[str, Finding]) -> Priced:
-        return price(
-            findings,
-            result.measured.scopes,
-            rule_set.sheet,
-            rule_set.policies,
-            digits=rule_set.digits,
-            cohort=result.cohort,
-            measures=result.measured.measures,
-            left_open=_still_open(result, findings, rule_set),
-        )
-
     return adjusted_ledger(
-        result.score, result.measured.findings, own, priced, digits=rule_set.digits, sha256=sha256
+        result.score,
+        result.measured.findings,
+        own,
+        lambda findings: priced_with(result, findings, rule_set),
+        digits=rule_set.digits,
+        sha256=sha256,
+    )
+
+
+def priced_with(result: Result, findings: Mapping[str, Finding], rule_set: RuleSet) -> Priced:
+    """What a result is worth with findings that stewards decided, and the interval that is left.
+
+    Args:
+        result: An automatic result.
+        findings: Its findings, with the verdicts that were decided.
+        rule_set: That of the result.
+
+    Raises:
+        FormulaError: The rules have no value for them.
+    """
+    return price(
+        findings,
+        result.measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        digits=rule_set.digits,
+        cohort=result.cohort,
+        measures=result.measured.measures,
+        left_open=_still_open(result, findings, rule_set),
     )
 
 

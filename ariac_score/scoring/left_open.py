@@ -12,13 +12,13 @@ from ariac_score.checks.open_findings import Cause, OpenFindings
 from ariac_score.trial.spans import Span
 from ariac_score.trial.window import Lasted
 
-__all__ = ["DURATION", "NOT_SEEN", "LeftOpen", "Variable", "variables_of"]
+__all__ = ["DURATION", "NOT_SEEN", "TIMES", "LeftOpen", "Variable", "variables_of"]
 
 DURATION = "trial.duration_s"
 """The one fact that a log can leave open, as formulas name it."""
 
 TIME, DEPTH = "time_in_violation_s", "relative_depth_integral_s"
-_ALL_IN = (TIME, DEPTH)
+TIMES = (TIME, DEPTH)
 """Quantities that are at most the time itself: a relative depth is at most 1."""
 NOT_SEEN = {"worst": "not seen, counted at its worst", "best": "not seen, counted at its best"}
 
@@ -187,7 +187,7 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mappin
     span = finding.span or left_open.watched
     quantities = dict(finding.quantities)
     if span:
-        quantities.update(dict.fromkeys(_ALL_IN, span.duration_s))
+        quantities.update(dict.fromkeys(TIMES, span.duration_s))
     worst = replace(
         _not_seen(finding, "worst"),
         verdict=Verdict.VIOLATED,

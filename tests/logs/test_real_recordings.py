@@ -6,15 +6,21 @@ and the competition's state is published each second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader, Writer
 
 from ariac_score import LogError, Result, Trial, Verdict, load_log_map, load_rule_set, score_trial
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
+from ariac_score.logs.gather.arrival import arrival_delays_s
+from ariac_score.results.adjustments import Adjustments, adjust, load_adjustments
+from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.readiness import check_log
 from ariac_score.trial.derive import Derivation, derive_signals
 
@@ -96,7 +102,8 @@ def test_an_honest_recording_lacks_nothing_and_says_how_late_what_nobody_stamped
     trial = read(name, "centre_distance", "position")
 
     # No message is later than the gap before it is long; those with stamps are not late at all.
-    assert 0.01 < trial.signals["centre_distance/robot/human"].stamp_jitter_s < longest_gap_s
+    late_s = trial.signals["centre_distance/robot/human"].stamp_jitter_s
+    assert late_s == pytest.approx(longest_gap_s, abs=0.001)
     assert trial.signals["position/human"].stamp_jitter_s == 0.0
     assert [signal.holes for signal in trial.signals.values()] == [()] * len(trial.signals)
     assert trial.log_defects == ()
@@ -127,7 +134,7 @@ def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_pat
     assert float(found.most - found.least) < 0.04
     assert not found.tight  # stamps of arrival, and three signals that need not have their worst together
     (narrowing,) = found.narrowing
-    assert narrowing.cause.endswith("ms on /snapshot, stamped on arrival up to 90 ms late")
+    assert narrowing.cause.endswith("ms on /snapshot, stamped on arrival up to 97 ms late")
     assert narrowing.at_most == found.most - found.least
 
 
@@ -151,3 +158,66 @@ def test_one_gap_of_two_topics_is_one_line_of_what_would_narrow_a_score(tmp_path
     )
     assert set(narrowing.checks) == {"human_contact", "separation"}
     assert narrowing.at_most == found.most - found.least
+
+
+def test_leaving_out_messages_that_came_late_does_not_raise_what_counts(tmp_path: Path) -> None:
+    """190 of 2963 snapshots were more than 5 ms late: without them all look on time, but their gaps stay."""
+    source, thinned = REAL / "walk_jitter.bag", tmp_path / "walk_jitter.bag"
+    with Reader(source) as reader:
+        times_ns = [stamp for connection, stamp, _ in reader.messages() if connection.topic == "/snapshot"]
+    delays_s = arrival_delays_s((np.array(times_ns) - times_ns[0]) / 1e9)
+    late = {stamp for stamp, delay_s in zip(times_ns, delays_s, strict=True) if delay_s > 0.005}
+    with Reader(source) as reader, Writer(thinned) as writer:
+        to = {
+            one.id: writer.add_connection(
+                one.topic, one.msgtype, msgdef=one.msgdef.data, md5sum=one.digest, callerid=one.ext.callerid
+            )
+            for one in reader.connections
+        }
+        for connection, stamp, raw in reader.messages():
+            if connection.topic != "/snapshot" or stamp not in late:
+                writer.write(to[connection.id], stamp, raw)
+    assert len(late) == 190
+
+    for rules in ("paper2020", "paper2020.published"):
+        honest, counts = (score_trial(log, rules).score for log in (source, thinned))
+        assert honest is not None
+        assert counts is not None
+        assert counts <= honest
+
+
+@pytest.mark.parametrize("rules", ["paper2020", "paper2020.published"])
+def test_stewards_lower_no_score_by_finding_that_nothing_happened_in_a_gap(
+    rules: str, tmp_path: Path
+) -> None:
+    result = score_trial(REAL / "walk_jitter.bag", rules)
+    assert result.score is not None
+    assert result.interval is not None
+    of_separation = result.measured.of("separation")
+    gaps = [key for key, one in of_separation.items() if one.verdict is Verdict.INCONCLUSIVE]
+    (seen,) = (key for key, one in of_separation.items() if one.verdict is Verdict.VIOLATED)
+    assert len(gaps) == 12
+
+    def decided(*keys: str) -> Decimal:
+        found, _ = adjust(result, satisfied(result, keys, tmp_path), measured=measured_sha256(result))
+        assert found.adjusted is not None
+        assert found.adjusted.score is not None
+        return found.adjusted.score
+
+    assert decided(gaps[0]) == decided(*gaps[1:]) == result.score  # both worlds are of all gaps together
+    assert result.score < decided(*gaps) <= result.interval.most
+    # The gaps within a violation are decided with it; those beside it stay open.
+    assert result.score < decided(seen) < decided(seen, gaps[0]) < decided(seen, *gaps) == 4
+
+
+def satisfied(result: Result, keys: Sequence[str], folder: Path) -> Adjustments:
+    lines = ["adjustments:"]
+    for key in keys:
+        about = f"{{trial: walk_jitter, measured: {measured_sha256(result)!r}, finding: '{key}'}}"
+        name, ruling = (
+            key.replace("#", "_"),
+            "author: a steward, reason: seen on film, time: 2024-05-12T14:30:00Z",
+        )
+        lines.append(f"  - {{id: {name}, {ruling}, target: {about}, effect: {{verdict: satisfied}}}}")
+    (folder / "adjustments.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return load_adjustments(folder / "adjustments.yaml")
