@@ -72,7 +72,7 @@ class SoFar:
         moving = {name: each for name, each in prepared.checks.items() if each.needs}
         flat = all(isinstance(each.check, Margined) and _is_monitor(each) for each in moving.values())
         # A check of motion that does not judge each sample needs all there were, and so do the others then.
-        self._carried = {name: _Carried() for name in moving} if flat else {}
+        self._carried: dict[str, _Lengths] = {name: _Lengths() for name in moving} if flat else {}
         checks = {
             name: replace(each, check=_carrying(each.check, self._carried[name]))
             if name in self._carried
@@ -98,7 +98,7 @@ class SoFar:
         """
         while self._incoming:
             self._recent.take(self._incoming.popleft())
-        for one in self._carried.values():
+        for one in self._each():
             one.found, one.until_s = {}, None
         reader = _SoFarReader(
             self._readers[self._log], self._recent.intake(self._wanted, self._file), self._bodies
@@ -127,22 +127,25 @@ class SoFar:
         measured = replace(result.measured, findings=findings, open=(), cut=cut)
         return price_trial(measured, self._rules, result.provenance)
 
+    def _each(self) -> list[_Carried]:
+        return [one for lengths in self._carried.values() for one in lengths.by_start_s.values()]
+
     def _settle(self, trial: Trial) -> None:
         """Keep what can change no more, and let go of the motion that it came of."""
-        ends_s = [one.until_s for one in self._carried.values() if one.until_s is not None]
-        if len(ends_s) < len(self._carried) or not ends_s or trial.recorded is None:
+        for lengths in self._carried.values():
+            lengths.drop_unasked()
+        ends_s = [one.until_s for one in self._each() if one.until_s is not None]
+        if not all(one.by_start_s for one in self._carried.values()) or not ends_s or trial.recorded is None:
             return
         until_s = min(ends_s) - _SLACK_S
-        spans = sorted(
-            (span for one in self._carried.values() for span in one.spanned()), key=lambda span: -span.end_s
-        )
+        spans = sorted((span for one in self._each() for span in one.spanned()), key=lambda span: -span.end_s)
         for span in spans:
             if span.end_s + _SLACK_S > until_s > span.start_s - _SLACK_S:
                 until_s = span.start_s - _SLACK_S
-        since_s = max((one.since_s for one in self._carried.values()), default=0.0)
+        since_s = max((one.since_s for one in self._each()), default=0.0)
         if until_s <= since_s or until_s <= trial.recorded.start_s:
             return
-        for one in self._carried.values():
+        for one in self._each():
             one.settle(until_s)
         began_ns, latest_ns = self._recent.began_ns or 0, self._recent.latest_ns
         # Trial time may be that of a simulation, which is as fast as it likes.
@@ -237,6 +240,33 @@ class _Carried:
         self.since_s = until_s
 
 
+@dataclass
+class _Lengths:
+    """What one monitor found in each competition that it is asked about, by when that started, s.
+
+    Where the log tells only roughly when the competition started it is judged from the first such moment,
+    the last, and the stated one; what the longest shows before the others began is none of theirs.
+    """
+
+    by_start_s: dict[float, _Carried] = field(default_factory=dict)
+
+    def of(self, start_s: float) -> _Carried:
+        """Where it started then; of a new start, what is settled of the nearest one."""
+        if start_s not in self.by_start_s:
+            earlier = [known for known in self.by_start_s if known <= start_s]
+            near = max(earlier) if earlier else min(self.by_start_s, default=None)
+            # The motion that it came of may be let go already.
+            before = _Carried() if near is None else self.by_start_s[near]
+            self.by_start_s[start_s] = _Carried(before.since_s, settled=dict(before.settled))
+        return self.by_start_s[start_s]
+
+    def drop_unasked(self) -> None:
+        """Forget starts that are none any more, as when more is known of it."""
+        self.by_start_s = {
+            start_s: one for start_s, one in self.by_start_s.items() if one.until_s is not None
+        }
+
+
 def _is_over(finding: Finding, until_s: float) -> bool:
     """Whether a finding stands when all before a time is settled; a least margin does in any case."""
     if finding.verdict is Verdict.SATISFIED:
@@ -266,13 +296,14 @@ def _margin(finding: Finding) -> float:
     return float("inf") if finding.robustness is None else finding.robustness
 
 
-def _carrying(check: Any, carried: _Carried) -> Any:
+def _carrying(check: Any, lengths: _Lengths) -> Any:
     """The same monitor, which judges from where everything before is settled."""
     own = type(check)
     watch = getattr(own, "watch_worlds", own.watch)
 
     def watch_from(self: Any, trial: Trial) -> Iterator[Finding | Worlds]:
         window = trial.window
+        carried = lengths.of(float("-inf") if window is None else window.start_s)
         carried.until_s = None if window is None else window.end_s
         yield from carried.judge(watch(self, _from(trial, carried.since_s)))
 
