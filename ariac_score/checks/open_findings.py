@@ -6,6 +6,7 @@ of them is stated as the findings of a world of its own: a price is known as soo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +14,16 @@ from ariac_score.checks.findings import Finding, canonical_span, settled
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.spans import Span
 
-__all__ = ["MOST_SPANS", "Cause", "OpenFindings", "Worlds", "gaps_in_words", "in_words", "settled_open"]
+__all__ = [
+    "MOST_SPANS",
+    "Cause",
+    "OpenFindings",
+    "Worlds",
+    "by_source",
+    "gaps_in_words",
+    "in_words",
+    "settled_open",
+]
 
 MOST_SPANS = 1000
 """Of a cause, stretches that are kept; its text counts them all."""
@@ -62,6 +72,43 @@ def in_words(causes: Sequence[Cause]) -> str:
         return first.text
     spans = sorted({span for cause in causes for span in cause.spans}, key=lambda span: span.start_s)
     return gaps_in_words(spans) + first.text.removeprefix(here)
+
+
+def by_source(several: Sequence[Sequence[Cause]]) -> dict[str, list[int]]:
+    """Why several things are open, in words, each cause with the numbers of those that are open for it.
+
+    What the samples of one source leave open is one cause however many checks it opens; so is what several
+    sources leave open in the same stretches.
+    """
+    found: dict[str, tuple[list[Cause], list[int]]] = {}
+    for number, own in enumerate(several):
+        for cause in own:
+            # What follows for one check or another is no cause of its own.
+            causes, numbers = found.setdefault(cause.source or cause.text.partition(", so ")[0], ([], []))
+            causes.append(cause)
+            if number not in numbers:
+                numbers.append(number)
+    said: dict[tuple[object, ...], tuple[list[str], list[int]]] = {}
+    for name, (causes, numbers) in found.items():
+        words = in_words(causes) if causes[0].source or len({*causes}) == 1 else name
+        spans = frozenset(span for cause in causes for span in cause.spans)
+        alike = (spans, *numbers) if spans else (words,)
+        said.setdefault(alike, ([], numbers))[0].append(words)
+    return {_joined(words): numbers for words, numbers in said.values()}
+
+
+def _joined(texts: Sequence[str]) -> str:
+    """Several texts that are the same but for the source, in one.
+
+    >>> _joined(["a gap of 9 ms on /a, the first", "a gap of 9 ms on /b, the first"])
+    'a gap of 9 ms on /a and on /b, the first'
+    """
+    parted = [re.fullmatch(r"(.+? )(on [^,]+)(.*)", one, re.DOTALL) for one in texts]
+    alike = {(one[1], one[3]) if one else None for one in parted}
+    if len(alike) > 1 or None in alike:
+        return "; ".join(texts)
+    ((begin, rest),) = (one for one in alike if one)
+    return begin + " and ".join(one[2] for one in parted if one) + rest
 
 
 @dataclass(frozen=True)

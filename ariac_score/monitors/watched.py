@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
+from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal, align
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
@@ -178,9 +179,17 @@ class Watched:
         return [self._gap(gap, clause, said=said[gap]) for gap in self.gaps if gap in said]
 
     def _gap(self, gap: Span, clause: str, of: str = "", *, said: str = "") -> Finding:
-        message = f"no samples{of} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
+        what = f"no samples{of}" if of else self._lack
+        message = f"{what} for {gap.duration_s:.3f} s, from {gap.start_s:.3f} s"
         message += f"; {said}" if said else ""
         return Finding.inconclusive(self.subject.name, message, span=gap, clause=clause)
+
+    @property
+    def _lack(self) -> str:
+        """What its gaps lack: in one of what follows from several signals some of them may have a sample."""
+        signals = [self.trial.signals.get(name) for name in self.names.values()]
+        follows = any(one is not None and one.source == DERIVED for one in signals)
+        return "too few samples" if follows else "no samples"
 
     def __len__(self) -> int:
         return len(self.t)

@@ -11,6 +11,7 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.open_findings import by_source
 from ariac_score.report.figures import amount_text
 from ariac_score.report.openness import bounds_text, is_at_worst, narrowing_text, open_sentence
 from ariac_score.report.places import Places
@@ -287,7 +288,15 @@ def _more(count: int, style: Style) -> Iterator[str]:
 
 def _narrowing(result: Result, style: Style) -> Iterator[str]:
     """What would narrow the interval of the score, most first."""
-    if result.interval is None or not result.interval.narrowing:
+    if result.interval is None:
+        # Without a score nobody can say what each is worth, but what lacks is known.
+        lacking = [*by_source([one.causes for one in result.measured.open])] if result.score is None else []
+        if lacking:
+            yield style("What would narrow it", "bold")
+            yield from (f"  {plain(one)}" for one in lacking[:_SHOWN])
+            yield from _more(len(lacking) - _SHOWN, style)
+        return
+    if not result.interval.narrowing:
         return
     yield style("What would narrow it", "bold")
     yield from (f"  {narrowing_text(one, plain)}" for one in result.interval.narrowing[:_SHOWN])

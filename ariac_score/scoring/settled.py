@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from math import inf, isfinite
@@ -11,13 +10,13 @@ from math import inf, isfinite
 from msgspec import UNSET, UnsetType
 
 from ariac_score.checks.findings import Finding
-from ariac_score.checks.open_findings import Cause, in_words
+from ariac_score.checks.open_findings import by_source
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.bounds import MOST_TRIED, Bound, Pins, Worlds
 from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
-from ariac_score.scoring.left_open import DURATION, Variable
+from ariac_score.scoring.left_open import DURATION
 from ariac_score.scoring.scope import Scope
 
 __all__ = ["Settled", "ends_around", "interval_of", "settle"]
@@ -233,44 +232,9 @@ def _inner(key: str, pins: Mapping[str, bool]) -> list[str]:
     return [name for name in pins if name.startswith(f"{key}#")]
 
 
-def _by_source(variables: Sequence[Variable]) -> dict[str, list[int]]:
-    """Why variables are open, in words, each with the numbers of those that are open for it.
-
-    What the samples of one source leave open is one cause however many checks it opens; so is what several
-    sources leave open in the same stretches.
-    """
-    found: dict[str, tuple[list[Cause], list[int]]] = {}
-    for number, one in enumerate(variables):
-        for cause in one.causes:
-            causes, numbers = found.setdefault(cause.source or cause.text, ([], []))
-            causes.append(cause)
-            if number not in numbers:
-                numbers.append(number)
-    said: dict[tuple[object, ...], tuple[list[str], list[int]]] = {}
-    for causes, numbers in found.values():
-        words, spans = in_words(causes), frozenset(span for cause in causes for span in cause.spans)
-        alike = (spans, *numbers) if spans else (words,)
-        said.setdefault(alike, ([], numbers))[0].append(words)
-    return {_joined(words): numbers for words, numbers in said.values()}
-
-
-def _joined(texts: Sequence[str]) -> str:
-    """Several texts that are the same but for the source, in one.
-
-    >>> _joined(["a gap of 9 ms on /a, the first", "a gap of 9 ms on /b, the first"])
-    'a gap of 9 ms on /a and on /b, the first'
-    """
-    parted = [re.fullmatch(r"(.+? )(on [^,]+)(.*)", one, re.DOTALL) for one in texts]
-    alike = {(one[1], one[3]) if one else None for one in parted}
-    if len(alike) > 1 or None in alike:
-        return "; ".join(texts)
-    ((begin, rest),) = (one for one in alike if one)
-    return begin + " and ".join(one[2] for one in parted if one) + rest
-
-
 def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
     """What would narrow the interval, most first."""
-    causes = _by_source(settled.worlds.variables)
+    causes = by_source([one.causes for one in settled.worlds.variables])
     width = settled.most.value - settled.least.value
     least, most = settled.ends(digits)
     found = []

@@ -11,7 +11,11 @@ import numpy as np
 from ariac_score.trial.signals import Signal, sealed
 from ariac_score.trial.spans import FloatArray
 
-__all__ = ["Computed"]
+__all__ = ["DERIVED", "Computed"]
+
+
+DERIVED = "derived"
+"""The source of a signal that follows from others."""
 
 
 class Computed(Signal):
@@ -48,7 +52,7 @@ class Computed(Signal):
             sources: What they follow from: where these are not known, it is not.
         """
         self: Computed = object.__new__(cls)
-        state: dict[str, Any] = {"name": name, "unit": unit, "source": "derived", "t": sealed(t)}
+        state: dict[str, Any] = {"name": name, "unit": unit, "source": DERIVED, "t": sealed(t)}
         state["holes"] = tuple(sorted({hole for signal in sources for hole in signal.holes}))
         state["constant"] = bool(sources) and all(signal.constant for signal in sources)
         state["stamp_jitter_s"] = max((signal.stamp_jitter_s for signal in sources), default=0.0)

@@ -44,9 +44,9 @@ def test_no_message_is_later_than_it_may_have_been(stalls: list[tuple[int, int]]
 
 
 @pytest.mark.parametrize(
-    ("pause_s", "late_s"), [(0.0, 0.01), (0.5, 0.51), (LONGEST_DELAY_S, 1.0), (30.0, LONGEST_DELAY_S)]
+    ("pause_s", "late_s"), [(0.0, 0.01), (0.1, 0.11), (LONGEST_DELAY_S, 0.25), (30.0, LONGEST_DELAY_S)]
 )
-def test_after_a_pause_a_message_may_be_as_late_as_it_lasted_up_to_a_second(
+def test_after_a_pause_a_message_may_be_as_late_as_it_lasted_up_to_a_quarter_second(
     pause_s: float, late_s: float
 ) -> None:
     t = PERIOD_S * np.arange(100)

@@ -59,7 +59,8 @@ def test_both_ends_stand_in_every_table_of_a_ranking(
     cup: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def shown(*words: str) -> str:
-        assert main(["-q", *words]) in (0, 6)
+        # A batch fills a table, in which open rows are no failure; in a ranking they are.
+        assert main(["-q", *words]) == (0 if words[0] in ("batch", "export") else 6)
         return capsys.readouterr().out
 
     least, most = ENDS
