@@ -202,7 +202,8 @@ def exit_code(ranking: Ranking, *, listed: bool) -> int:
         for run in () if listed else unsettled:
             print(plain(f"{run.team}/{run.trial}_{run.number}: {run.reason}"), file=sys.stderr)
         print(
-            f"{len(unsettled)} of {len(ranking.runs)} runs do not count; each is named above", file=sys.stderr
+            f"{len(unsettled)} of {len(ranking.runs)} runs have no score of their own; each is named above",
+            file=sys.stderr,
         )
     # A run that is open, and whose team has one score whatever it is worth, leaves nothing open.
     ends = {standing.team: standing.open.execution for standing in final.standings if standing.open}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -122,17 +123,25 @@ def _deepest(fault: Any) -> Any:
     return fault
 
 
+def _known_key(name: str, known: Sequence[str], is_known: Callable[[str], bool]) -> str:
+    """A remedy for a key that is none: where any name is one, that of the right letters."""
+    spelt = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    if not known and is_known(spelt):
+        return f"did you mean {spelt!r}?"
+    return did_you_mean(name, known, what="known keys")
+
+
 def _description(fault: Any) -> tuple[Place, str, str]:
     """Path, cause and remedy of a fault."""
     path = tuple(fault.absolute_path)
     if fault.validator == "additionalProperties" and isinstance(fault.instance, dict):
-        known = [*fault.schema.get("properties", {})]
-        extra = sorted(str(key) for key in fault.instance if key not in known)
-        return (
-            (*path, extra[0]),
-            f"unknown key {extra[0]!r}",
-            did_you_mean(extra[0], known, what="known keys"),
-        )
+        known, patterns = [*fault.schema.get("properties", {})], [*fault.schema.get("patternProperties", {})]
+
+        def is_known(key: str) -> bool:
+            return key in known or any(re.search(pattern, key) for pattern in patterns)
+
+        extra = next(key for key in sorted(map(str, fault.instance)) if not is_known(key))
+        return (*path, extra), f"unknown key {extra!r}", _known_key(extra, known, is_known)
     if fault.validator == "required":
         missing = [key for key in fault.validator_value if key not in fault.instance]
         return path, f"key {missing[0]!r} is missing", f"add {missing[0]!r}"

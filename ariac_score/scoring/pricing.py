@@ -195,7 +195,8 @@ def _of_known_work(settled: Settled, digits: int, left_open: LeftOpen) -> str:
     if not settled.is_bounded:
         return f"{left_open.work_open}; {settled.unbounded}"
     least, most = settled.ends(digits)
-    return f"{left_open.work_open}; of what is known, it lies between {least:f} and {most:f}"
+    ends = f"{least.normalize():f} and {most.normalize():f}"
+    return f"{left_open.work_open}; of what is known, it lies between {ends}"
 
 
 def value_of(

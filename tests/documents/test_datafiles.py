@@ -330,6 +330,12 @@ def test_a_document_that_keeps_its_schema_has_no_faults() -> None:
     [
         ({"tilte": "t"}, ("tilte",), "unknown key 'tilte'", "did you mean 'title'?"),
         (
+            {"bounds": {"human": {"max_speed_m_s": 1, "source": "s"}, "Robot Arm": {}}},
+            ("bounds", "Robot Arm"),
+            "unknown key 'Robot Arm'",
+            "did you mean 'robot_arm'?",
+        ),
+        (
             {"rules": {"a": {"use": "a.b", "wiht": {}}}},
             ("rules", "a", "wiht"),
             "unknown key 'wiht'",

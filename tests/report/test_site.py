@@ -736,5 +736,5 @@ def test_runs_that_do_not_count_are_named_where_nothing_else_names_them(
     assert main(["report", str(tmp_path / "day"), "-o", str(tmp_path / "site")]) == 6
 
     said = capsys.readouterr().err
-    assert "1 of 45 runs do not count; each is named above" in said
+    assert "1 of 45 runs have no score of their own; each is named above" in said
     assert "aurora/kitting_1: " in said.split("1 of 45")[0]
