@@ -279,7 +279,8 @@ ROWS = (
     Row(
         "three numbered messages are not there (MCAP `sequence`)",
         lambda: numbered(by_snapshots()),
-        r"a gap of 40 ms on /snapshot, stamped on arrival up to 40 ms late: [^$]*numbers of channel 2 leave out messages in 1 place\(s\).* \(3\)",
+        r"a gap of 40 ms on /snapshot, stamped on arrival up to 40 ms late: "
+        r"[^$]*numbers of channel 2 leave out messages in 1 place\(s\).* \(3\)",
         "a gap of 40 ms, and where numbers are left out; an interval",
         6,
     ),

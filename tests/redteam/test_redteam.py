@@ -282,7 +282,7 @@ FORMER = {
         "topics left out", "ON_UNKNOWN zero\nscore: -5 * seconds(separation)\n"
     ),
     "every other sample left out": Known(
-        "samples thinned", f"open: best\nbetween_samples: bounded\n{CHARGED}", budget=20
+        "samples thinned", f"open: best\n{CHARGED}", standing="believed", budget=20
     ),
     "the human's frame left out but twice a second, and a dash with it": Known(
         "samples thinned",
