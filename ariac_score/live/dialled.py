@@ -31,7 +31,6 @@ OPEN_S = 5.0
 LARGEST_BYTES = 1 << 28
 """A message may be so large; what announces more is taken for an attack, or for a mistake."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.1, 2.0
-_END_S = 1.5
 
 
 class GoneError(Exception):
@@ -102,6 +101,8 @@ class DialledSource(ABC):
 
     sees_losses: bool = False
     stamps: Literal["arrival", "recorder"] = "arrival"
+    end_s: float = 1.5
+    """How long a thread that still dials may take to end, s."""
 
     def __init__(self, address: str, *, inbox: Inbox | None = None) -> None:
         self._given, self.address = address, shown_address(address)
@@ -191,7 +192,7 @@ class DialledSource(ABC):
         if self._thread is not None:
             with suppress(Exception):
                 self.hang_up(self._session)
-            self._thread.join(_END_S)
+            self._thread.join(self.end_s)
             self._thread = None
         self._ended = self._ended or Ended("it was closed")
 

@@ -27,7 +27,10 @@ __all__ = ["Attachment", "Key", "ZenohSource", "attachment_of", "key_of"]
 
 _PORT = 7447
 _LOOK_S = 0.2
-_CLOSE_S = 1.0
+_CLOSE_S = 10.0
+_END_S = 15.0
+"""A thread that is inside the library when Python ends aborts the program, so it is waited for: the library
+gives up an attempt to connect, and one to close, within 10 s."""
 _MOST_DOMAIN = 232
 _USAGE = "give zenoh://HOST:PORT of the router (7447 by default), with ?domain=N for another ROS_DOMAIN_ID"
 _DDS = "::dds_::"
@@ -70,6 +73,7 @@ class ZenohSource(DialledSource):
     """
 
     sees_losses = True
+    end_s = _END_S
 
     def __init__(self, address: str) -> None:
         super().__init__(address)
@@ -124,7 +128,7 @@ class ZenohSource(DialledSource):
                 raise GoneError("the router does not answer")
 
     def hang_up(self, session: _Session) -> None:
-        """Close the session; the library may take its time over it."""
+        """Close the session; where its router is gone, the library may take its time over it."""
         closing = threading.Thread(target=session.session.close, daemon=True)
         closing.start()
         closing.join(_CLOSE_S)

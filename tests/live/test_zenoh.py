@@ -9,6 +9,7 @@ import json
 import socket
 import struct
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -225,6 +226,23 @@ def test_a_router_that_is_gone_and_back() -> None:
         source.close()
     (lost,) = (item for item in items if isinstance(item, Lost))
     assert lost.count == 8
+
+
+def test_an_attempt_to_connect_has_ended_when_the_source_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thread that is still in the library when Python ends aborts the program."""
+    with cell() as one:
+        source = source_at(one.address)
+        source.open(None)
+    dials, really = threading.Event(), zenoh.open
+
+    def attempt(config: Any) -> Any:
+        dials.set()
+        return really(config)
+
+    monkeypatch.setattr(zenoh, "open", attempt)
+    assert dials.wait(30), "it does not dial again"
+    source.close()
+    assert source.address not in {thread.name for thread in threading.enumerate()}
 
 
 def test_what_is_no_router_is_refused_in_words() -> None:
