@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -507,6 +508,15 @@ ATTACKS = (
         ATTESTED,
     ),
     Attack(
+        "the same of a log that nobody attests, whose log map states the rate of frames",
+        frames,
+        frames_at(25),
+        "19.983044",
+        "1.54684",
+        "`rate_hz` of the frames: each interval is a gap",
+        "log_map: RATED_FRAMES\n",
+    ),
+    Attack(
         "a human's frame at 2 Hz under a constant one at 100 Hz, and so a dash of 0.4 s left out",
         under_a_room,
         of_human_at(2),
@@ -661,10 +671,16 @@ class Desk:
     def _rules(self, more: str) -> str:
         if not more:
             return "paper2020.published"
-        no_rate = self.folder / "no_rate.yaml"
-        no_rate.write_text(LOG_MAP.read_text("utf-8").replace("    rate_hz: 100", "    #"), encoding="utf-8")
+        given = LOG_MAP.read_text("utf-8")
+        log_maps = {
+            "NO_RATE": given.replace("    rate_hz: 100", "    #"),
+            "RATED_FRAMES": re.sub(r"(match: (?:torso|human)_base,)", r"\1 rate_hz: 100,", given),
+        }
         rules = self.folder / "rules.yaml"
-        text = more.replace("KEY", f"'{self.key}'").replace("NO_RATE", str(no_rate))
+        text = more.replace("KEY", f"'{self.key}'")
+        for name, content in log_maps.items():
+            (self.folder / f"{name}.yaml").write_text(content, encoding="utf-8")
+            text = text.replace(name, str(self.folder / f"{name}.yaml"))
         rules.write_text(
             f"extends: paper2020.published\nid: ours\ntitle: Ours\nsource: here\n{text}", encoding="utf-8"
         )

@@ -285,8 +285,10 @@ def _coverage(signal: Signal | Series, window: Span | None) -> Coverage:
     span = signal.span
     rate = (len(signal) - 1) / span.duration_s if span and span.duration_s > 0 else 0.0
     largest_gap_s = longest_silence_s(distinct(signal.t), window) if window else 0.0
-    jitter_s = signal.stamp_jitter_s if isinstance(signal, Signal) else 0.0
-    return Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source, jitter_s)
+    known = Coverage(signal.name, len(signal), rate, largest_gap_s, signal.source)
+    if not isinstance(signal, Signal):
+        return known
+    return replace(known, stamp_jitter_s=signal.stamp_jitter_s, stated_rate_hz=signal.stated_rate_hz)
 
 
 def decidable(trial: Trial, prepared: Prepared) -> list[tuple[str, str]]:

@@ -26,7 +26,7 @@ from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.scoring.extending import GROUP as RULE_SETS
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
 from ariac_score.trial.bounds import DEFAULT_BOUNDS, ERRORS, BetweenSamples, between_samples
-from ariac_score.trial.channels import OF_FRAMES, LogMap
+from ariac_score.trial.channels import OF_FRAMES, OF_MODELS, LogMap
 from ariac_score.trial.derive import Derivation, DerivedSignal, derive_signals, source_quantities
 from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.model import Trial
@@ -120,8 +120,7 @@ class Prepared:
         """What is assumed of the time between samples."""
         rules = self.rule_set
         every = rules.between_samples == "bounded"
-        rates_hz = {channel.topic: channel.rate_hz for channel in self.log_map.channels if channel.rate_hz}
-        return between_samples(self.log_map.bounds, rules.bounds, every=every, rates_hz=rates_hz)
+        return between_samples(self.log_map.bounds, rules.bounds, every=every)
 
     @property
     def words(self) -> Words:
@@ -161,11 +160,12 @@ class Prepared:
 
     def between_of(self, trial: Trial) -> BetweenSamples:
         """The same, where the log lacks samples that its recorder received."""
-        frames = {c.topic for c in self.log_map.channels if c.poses == "frames"}
+        poses = {"frames": OF_FRAMES, "models": OF_MODELS}
+        source_of = {c.topic: poses[c.poses] for c in self.log_map.channels if c.poses}
         found: Counter[str] = Counter()
         for _, attested in trial.attestations:
             for one in attested.lacking if attested is not None else ():
-                found[OF_FRAMES if one.topic in frames else one.topic] += one.within
+                found[source_of.get(one.topic, one.topic)] += one.within
         return replace(self.between, lacking=FrozenMap({source: n for source, n in found.items() if n}))
 
     def only(self, names: Iterable[str]) -> Prepared:

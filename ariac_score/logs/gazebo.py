@@ -179,4 +179,5 @@ def _add_entity(
         last_of_stamp = np.append(np.diff(states.t_ns[frames]) != 0, True)
         name = f"position/{body.id}::{entity.link}" if entity.link else f"position/{body.id}"
         t, places = states.t_s[frames][last_of_stamp], poses[last_of_stamp, :3]
-        builder.add_signal(name, "m", t, places, source="Gazebo poses")
+        rate_hz = found[0].rate_hz
+        builder.add_signal(name, "m", t, places, source="Gazebo poses", stated_rate_hz=rate_hz)

@@ -247,6 +247,7 @@ def _match(data: dict[str, Any]) -> BodyMatch:
         body=data.get("body", ""),
         radius_m=_number_or_none(data.get("radius_m")),
         links=tuple(data.get("links", [])),
+        rate_hz=float(data.get("rate_hz", 0.0)),
     )
 
 
@@ -292,7 +293,8 @@ def _contradictions(data: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     if data.get("as_consumed") and not data.get("signals"):
         yield "as_consumed", "a channel without signals has nothing as consumed", "map its 'signals:'"
     if "rate_hz" in data and not data.get("signals"):
-        yield "rate_hz", "a channel without signals has no rate", "map its 'signals:', or leave it out"
+        hint = "map its 'signals:'; of poses each entry of 'frames:' and 'models:' has a rate of its own"
+        yield "rate_hz", "a channel without signals has no rate", hint
     for key in sorted({"event", "facts"} & data.keys()) if "poses" in data else ():
         yield key, f"a channel of poses has no {key!r}", "give the topic a second channel"
 

@@ -71,7 +71,7 @@ class Stream:
         inside = (t >= window.start_s) & (t <= window.end_s)
         steps = np.diff(t[inside])
         usual = float(np.median(steps)) if len(steps) else math.inf
-        stated = assumed.usual_s.get(signal.source, math.inf)
+        stated = 1.0 / signal.stated_rate_hz if signal.stated_rate_hz else math.inf
         # All messages that its recorder received and the log lacks may have been samples of this one.
         received = usual * len(t) / max(1, len(t) + assumed.lacking.get(signal.source, 0))
         thinned, usual = usual > USUAL_INTERVALS * stated, min(received, stated)

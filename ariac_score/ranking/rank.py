@@ -526,7 +526,7 @@ def _priced(
     pool = pools.get((run.team, run.trial))
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
         # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
-        alone = cohort is None and pool is None
+        alone = cohort is None and (pool is None or pool.runs == 1)
         return replace(run, kept=counts, open=run.open if alone else None)
     if cohort is None and pool is None:
         return replace(run, kept=counts)

@@ -123,8 +123,7 @@ class Honest:
     @cached_property
     def has_rates(self) -> bool:
         """Whether thinned samples show: the log map states each rate, or the rules bound every interval."""
-        stated = {channel.topic for channel in self.prepared.log_map.channels if channel.rate_hz}
-        return set(self.motion) <= stated or self.rule_set.between_samples == "bounded"
+        return not self.result.measured.unrated or self.rule_set.between_samples == "bounded"
 
     @cached_property
     def has_positions(self) -> bool:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from ariac_score.report.figures import amount_text
 from ariac_score.results.result import Result
 from ariac_score.review.left_out import scores_with_an_event
-from ariac_score.scoring.ruleset import rule_set_from_text
+from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.trial.statements import NOBODY, Statement
 
 __all__ = ["is_unattested", "left_out", "rests_on", "unattested"]
@@ -27,22 +27,32 @@ def rests_on(statements: Iterable[Statement]) -> str:
     return "; ".join(map(_one, in_order))
 
 
-def left_out(result: Result) -> str:
-    """The score with an event that the log does not hold; empty where nothing hangs on one."""
+def left_out(result: Result) -> tuple[str, ...]:
+    """What an unattested log would not show, had it been left out; empty where nothing hangs on it.
+
+    That is an event, with the score that it would have cost, and samples of what nobody states a rate of.
+    """
     found = scores_with_an_event(result)
     each = ", ".join(f"{amount_text(one.score)} with one of {one.check}" for one in found)
-    return f"were an event left out of the log, the score would have been {each}" if each else ""
+    said = [f"were an event left out of the log, the score would have been {each}"] if each else []
+    unrated = ", ".join(one or "its signals" for one in result.measured.unrated)
+    if unrated and _is_open(result) and _rules(result.rules).between_samples == "held":
+        said.append(f"nobody states the rate of {unrated}: samples left out evenly would show nowhere")
+    return tuple(said)
 
 
 def is_unattested(result: Result) -> bool:
     """Whether nobody attests its logs as complete, and its rules do not say what such logs are worth."""
-    nobody = any(one.fact == "completeness" and one.by == NOBODY for one in result.measured.statements)
-    return nobody and not _asked(result.rules)
+    return _is_open(result) and not _rules(result.rules).authority.completeness
+
+
+def _is_open(result: Result) -> bool:
+    return any(one.fact == "completeness" and one.by == NOBODY for one in result.measured.statements)
 
 
 @lru_cache(maxsize=8)  # the runs of a ranking have the same rules
-def _asked(rules: str) -> str:
-    return rule_set_from_text(rules, file="the rules in the result").authority.completeness
+def _rules(rules: str) -> RuleSet:
+    return rule_set_from_text(rules, file="the rules in the result")
 
 
 def unattested(open_: Sequence[bool]) -> str:

@@ -367,7 +367,7 @@ def _origin(result: Result, style: Style) -> Iterator[str]:
         yield style(f"note: {note}", "dim")
     if said := rests_on(result.measured.statements):
         yield style(f"rests on: {plain(said)}", "dim")
-    if said := left_out(result):
+    for said in left_out(result):
         yield style(f"not attested: {plain(said)}", "dim")
     for source in result.provenance.inputs:
         parts = "" if source.read_bytes is None else f" of the {source.read_bytes} bytes that were read"

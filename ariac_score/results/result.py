@@ -23,6 +23,7 @@ from ariac_score.scoring.ledger import Ledger, reconcile
 from ariac_score.scoring.policy import Assumption, Policy
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.steward import Adjusted
+from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.cut import Cut
 from ariac_score.trial.frames import frame
 from ariac_score.trial.model import LogDefect, OfficialResult
@@ -94,6 +95,7 @@ class Coverage:
         source: Where it was recorded, such as the topic, or `derived`; empty when nobody says.
         stamp_jitter_s: By how much its stamps are late against each other, s; left out where it is 0, as if
             senders stamped it. Bounds of what was not seen are wider by it.
+        stated_rate_hz: How often it is published, Hz, as its organiser states; left out where nobody does.
     """
 
     signal: str
@@ -102,9 +104,10 @@ class Coverage:
     largest_gap_s: float
     source: str = ""
     stamp_jitter_s: float = 0.0
+    stated_rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
-        leave_out_empty(self, "stamp_jitter_s")
+        leave_out_empty(self, "stamp_jitter_s", "stated_rate_hz")
 
 
 class Setting(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -229,6 +232,7 @@ class Measured:
                     rate_hz=canonical(c.rate_hz),
                     largest_gap_s=canonical(c.largest_gap_s),
                     stamp_jitter_s=canonical(c.stamp_jitter_s),
+                    stated_rate_hz=canonical(c.stated_rate_hz),
                 )
                 for c in self.coverage
             ),
@@ -277,6 +281,12 @@ class Measured:
             },
         }
         return frame(columns, index="id", units={f"quantities.{name}": u for name, u in units.items()})
+
+    @property
+    def unrated(self) -> tuple[str, ...]:
+        """Sources of samples of which nobody states a rate: what is left out of them evenly shows nowhere."""
+        recorded = (c for c in self.coverage if c.rate_hz and c.source != DERIVED)
+        return tuple(sorted({c.source for c in recorded if not c.stated_rate_hz}))
 
     @property
     def in_all_worlds(self) -> dict[str, Finding]:

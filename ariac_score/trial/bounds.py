@@ -57,8 +57,6 @@ class BetweenSamples:
             than a stream usually has; otherwise a sample stands until the next one.
         time_error_s: How far a stamp may lie from the time it is for, s.
         distance_error_m: How far a measured distance may lie from the true one, m.
-        usual_s: How far apart messages of a topic usually are, by its name, s, where an organiser states its
-            rate: who thins out a recording evenly makes another interval usual in it.
         lacking: How many samples a recorder received and the log lacks, by the source of a signal.
     """
 
@@ -66,7 +64,6 @@ class BetweenSamples:
     every: bool = False
     time_error_s: float = 0.0
     distance_error_m: float = 0.0
-    usual_s: Mapping[str, float] = field(default_factory=FrozenMap)
     lacking: Mapping[str, int] = field(default_factory=FrozenMap)
 
     def of(self, kind: str) -> MotionBound | None:
@@ -79,7 +76,6 @@ def between_samples(
     rule_set: Mapping[str, Any],
     *,
     every: bool = False,
-    rates_hz: Mapping[str, float] | None = None,
 ) -> BetweenSamples:
     """What is assumed, by what a log map and a rule set state in `bounds:`, of which the latter counts.
 
@@ -87,7 +83,6 @@ def between_samples(
         log_map: Its `bounds:`, as written.
         rule_set: Likewise.
         every: Whether the rule set bounds every interval.
-        rates_hz: How often topics are published, as the log map states it.
 
     >>> stated = {"human": {"max_speed_m_s": 1.6, "source": "walks"}, "time_error_s": 0.002}
     >>> found = between_samples({}, stated)
@@ -102,6 +97,5 @@ def between_samples(
                 continue
             fastest = body.get("max_acceleration_m_s2", math.inf)
             bounds[kind] = MotionBound(float(body["max_speed_m_s"]), float(fastest), body["source"], who)
-    usual_s = FrozenMap({topic: 1.0 / rate_hz for topic, rate_hz in (rates_hz or {}).items()})
     time_error_s, distance_error_m = (errors[name] for name in ERRORS)
-    return BetweenSamples(FrozenMap(bounds), every, time_error_s, distance_error_m, usual_s)
+    return BetweenSamples(FrozenMap(bounds), every, time_error_s, distance_error_m)

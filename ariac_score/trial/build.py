@@ -145,6 +145,7 @@ class TrialBuilder:
         contested: Sequence[Span] = (),
         constant: bool = False,
         stamp_jitter_s: float = 0.0,
+        stated_rate_hz: float = 0.0,
     ) -> None:
         """Take the samples of one signal in recorded order and settle them; see `Signal` for the rest.
 
@@ -171,7 +172,17 @@ class TrialBuilder:
         if len(settled.t):
             t, values, left_out = without_contested(settled.t, settled.values, contested)
             unknown = tuple(sorted({*holes, *left_out}))
-            self.signals[name] = Signal(name, unit, t, values, source, unknown, constant, stamp_jitter_s)
+            self.signals[name] = Signal(
+                name,
+                unit,
+                t,
+                values,
+                source,
+                unknown,
+                constant,
+                stamp_jitter_s,
+                stated_rate_hz=stated_rate_hz,
+            )
 
     def add_series(
         self, name: str, unit: str, t: FloatArray, values: FloatArray, *, source: str = ""

@@ -18,6 +18,7 @@ from ariac_score.trial.work import Fact
 
 __all__ = [
     "OF_FRAMES",
+    "OF_MODELS",
     "BodyMatch",
     "Channel",
     "FieldMap",
@@ -29,6 +30,8 @@ __all__ = [
 
 OF_FRAMES = "tf frames"
 """The source of a signal that follows from transforms, on whichever topics they came."""
+OF_MODELS = "model states"
+"""The source of a signal that follows from states of models, likewise."""
 
 _NAMED = re.compile(r"\{([a-z][a-z0-9_]*)\}")
 """A fact of the trial within a name."""
@@ -129,6 +132,7 @@ class BodyMatch:
         body: Body id; empty takes the matched name.
         radius_m: Radius of the sphere that stands for the body and each link, m; `None`: not known.
         links: Shell patterns over the link names that are followed too.
+        rate_hz: How often their places are published, as their organiser states; 0: nobody says.
     """
 
     match: str
@@ -136,6 +140,7 @@ class BodyMatch:
     body: str = ""
     radius_m: float | None = None
     links: tuple[str, ...] = ()
+    rate_hz: float = 0.0
 
     def body_for(self, name: str) -> Body | None:
         """The body a name stands for, without its links; `None` when it does not match."""

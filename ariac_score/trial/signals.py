@@ -125,6 +125,8 @@ class Signal(_Recorded):
         constant: Whether it holds at all times, as a static transform does: it covers everything.
         stamp_jitter_s: By how much its stamps may be late against each other, s: 0 where senders stamped it.
         disbelieved: What was left out because nothing moves so fast. What it says may be true all the same.
+        stated_rate_hz: How often it is published, as its organiser states; 0: nobody says. Who thins out a
+            recording evenly makes another interval usual in it.
 
     Raises:
         ValueError: The times do not increase, or a value is not finite. Readers
@@ -135,6 +137,7 @@ class Signal(_Recorded):
     constant: bool = False
     stamp_jitter_s: float = 0.0
     disbelieved: tuple[Disbelieved, ...] = ()
+    stated_rate_hz: float = 0.0
 
     def _refuse(self, t: FloatArray) -> None:
         if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):

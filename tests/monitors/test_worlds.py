@@ -39,7 +39,9 @@ def trial(
 ) -> Trial:
     """A robot and a human whose distance was sampled at some times."""
     t = np.array([*distance_m], dtype=np.float64)
-    signal = Signal("separation/arm/ann", "m", t, np.array([*distance_m.values()]), "/scanner")
+    signal = Signal(
+        "separation/arm/ann", "m", t, np.array([*distance_m.values()]), "/scanner", stated_rate_hz=rate_hz
+    )
     ends = [Event(float(t[-1]), COMPETITION_ENDED)] if ended else []
     return Trial(
         "t",
@@ -47,7 +49,7 @@ def trial(
         signals={signal.name: signal},
         events=(Event(float(t[0]), COMPETITION_STARTED), *ends),
         recorded=Span(float(t[0]), float(t[-1])),
-        between=between_samples({}, stated, every=every, rates_hz={"/scanner": rate_hz} if rate_hz else None),
+        between=between_samples({}, stated, every=every),
     )
 
 

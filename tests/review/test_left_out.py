@@ -11,9 +11,10 @@ import pytest
 from ariac_score import Result, score_trial
 from ariac_score.report.text import score_text
 from ariac_score.review.left_out import LeftOut, scores_with_an_event
-from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_trial_log
 from ariac_score.trial.statements import RECORDER, Statement
 from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.testing.recordings import recorded_messages
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,36 @@ def test_the_text_says_so_beside_what_is_not_attested(of_the_paper: Result) -> N
     assert "were an event left out of the log, the score would have been 0 with one of no_arm_collision" in (
         score_text(of_the_paper)
     )
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", True),
+        ("between_samples: bounded\n", False),
+        ("log_map: ./rated.yaml\n", False),
+    ],
+)
+def test_samples_of_what_nobody_states_the_rate_of_would_show_nowhere(
+    tmp_path: Path, more: str, said: bool
+) -> None:
+    (tmp_path / "rated.yaml").write_text(
+        "extends: ariac2020\nid: rated\ntitle: Rated\nsource: its nodes\nframes:\n"
+        "- {match: torso_base, kind: robot, body: robot, rate_hz: 100}\n"
+        "- {match: human_base, kind: human, body: human, rate_hz: 100}\n",
+        encoding="utf-8",
+    )
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        f"extends: paper2020.published\nid: ours\ntitle: Ours\nsource: here\n{more}", encoding="utf-8"
+    )
+    log = write_bag(
+        tmp_path / "log.mcap", recorded_messages(kitting_trial(), motion="frames"), storage="mcap"
+    )
+
+    text = score_text(score_trial(log, rules))
+
+    assert ("nobody states the rate of tf frames: samples left out evenly would show nowhere" in text) is said
 
 
 def test_a_price_for_each_event_is_taken_off_once(log: Path, tmp_path: Path) -> None:

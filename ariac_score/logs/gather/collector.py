@@ -706,6 +706,7 @@ class _Intake:
                 holes=sorted({*self.unknown.holes, *holes}),
                 contested=[*self.unknown.contested, *contested],
                 stamp_jitter_s=arrival_jitter_s(np.sort(t)) if self.by_arrival and len(t) else 0.0,
+                stated_rate_hz=self.channel.rate_hz,
             )
 
     def _settle_signals(self, builder: TrialBuilder, origin_ns: int) -> None:
@@ -730,6 +731,7 @@ class _Intake:
                     holes=self.unknown.holes,
                     contested=self.unknown.contested,
                     stamp_jitter_s=arrival_jitter_s(np.sort(t)) if self.by_arrival else 0.0,
+                    stated_rate_hz=self.channel.rate_hz,
                 )
 
     def bodies(self) -> frozenset[str]:

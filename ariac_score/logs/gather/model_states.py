@@ -16,7 +16,7 @@ from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.logs.gather.numbering import Unknown
 from ariac_score.logs.gather.transforms import Retimed, times_s
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.channels import OF_MODELS, BodyMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import FloatArray
 
@@ -28,6 +28,7 @@ class _Track:
     """Samples of one model or link: x, y, z in m, then its velocity in m/s."""
 
     body: Body
+    rate_hz: float
     stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     rows: array[float] = field(default_factory=lambda: array("d"))
 
@@ -103,7 +104,7 @@ class ModelPoses:
             body = match.body_for(model)
             if body is not None and (not links or match.follows_link(link)):
                 self._matched.add(match.match)  # the first match wins, as in the order of the log map
-                return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body)
+                return _Track(replace(body, links=(link.replace("/", "_"),)) if link else body, match.rate_hz)
         return None
 
     @property
@@ -134,7 +135,7 @@ class ModelPoses:
             for pattern in unmatched:
                 meant = nearest(pattern, there, what="recorded models")
                 builder.unrecorded.append(f"model {pattern}: no recorded model matches; {meant}")
-        given: dict[str, Any] = {"source": "model states", "holes": holes, "contested": contested}
+        given: dict[str, Any] = {"source": OF_MODELS, "holes": holes, "contested": contested}
         for name in sorted(self._tracks):
             track = self._tracks[name]
             if track is not None:
@@ -142,6 +143,7 @@ class ModelPoses:
                 subject = "::".join((track.body.id, *track.body.links))
                 t = times_s(track.stamps_ns, origin_ns)
                 given["stamp_jitter_s"] = arrival_jitter_s(np.sort(t))
+                given["stated_rate_hz"] = track.rate_hz
                 rows = np.frombuffer(track.rows, dtype=np.float64).reshape(-1, 6)
                 builder.add_signal(f"position/{subject}", "m", t, rows[:, :3], **given)
                 builder.add_signal(f"velocity/{subject}", "m/s", t, rows[:, 3:], **given)

@@ -370,7 +370,7 @@ class TransformTree:
                 there = nearest(match.match, sorted(self._names()), what="recorded frames")
                 builder.unrecorded.append(f"frame {match.match}: no recorded frame matches; {there}")
             for frame, body in found:
-                self._settle_frame(builder, origin_ns, frame, body)
+                self._settle_frame(builder, origin_ns, frame, body, match.rate_hz)
 
     def _names(self) -> set[str]:
         """All frames, those at the roots as well."""
@@ -417,7 +417,9 @@ class TransformTree:
             "log map follow other frames",
         )
 
-    def _settle_frame(self, builder: TrialBuilder, origin_ns: int, frame: str, body: Body) -> None:
+    def _settle_frame(
+        self, builder: TrialBuilder, origin_ns: int, frame: str, body: Body, rate_hz: float
+    ) -> None:
         builder.add_body(body)
         chain = [frame, *self._ancestors(frame)]
         if chain[-1] != self._root:
@@ -435,6 +437,7 @@ class TransformTree:
         contested = [span for one in chain[:-1] for span in self._contested.get(one, ())]
         holes = () if constant else self._holes
         unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}
+        unknown["stated_rate_hz"] = rate_hz
         name = "::".join((body.id, *body.links))
         builder.add_signal(f"position/{name}", "m", t, positions, source=OF_FRAMES, **unknown)
 
