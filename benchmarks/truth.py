@@ -42,7 +42,6 @@ from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured
 from ariac_score.scoring.pricing import price
 from ariac_score.scoring.ruleset import rule_set_from_text
-from ariac_score.trial.channels import Channel
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
@@ -231,10 +230,10 @@ def score_of(measured: Measured, prepared: Prepared) -> tuple[float, float]:
     return float(priced.ledger.amount), float(priced.ledger.amount)
 
 
-def at_rate(prepared: Prepared, trial: Trial, rate_hz: float) -> Prepared:
-    """The same rules, with a log map that states how often each body is published."""
-    channels = tuple(Channel(f"/{body.id}", rate_hz=rate_hz) for body in trial.bodies)
-    return replace(prepared, log_map=replace(prepared.log_map, channels=channels))
+def at_rate(trial: Trial, rate_hz: float) -> Trial:
+    """The trial as a log map reads it that states how often each body is published."""
+    rated = {name: replace(signal, stated_rate_hz=rate_hz) for name, signal in trial.signals.items()}
+    return replace(trial, signals=rated)
 
 
 def ends_of(trial: Trial, prepared: Prepared) -> tuple[float, float]:
@@ -297,9 +296,9 @@ def tried(seed: int, seconds: float, states_hz: float = 0.0) -> Tried:
     told = replace(truth, events=stated(of_states, truth.events, states_hz)) if states_hz else truth
     log = recorded(random, told, rate_hz, model)
     least, most = ends_of(log, bounded)
-    left, usual = robbed(random, log, whole, adversary), at_rate(held, truth, rate_hz)
-    least_held, most_held = ends_of(log, usual)
-    again, again_held = (ends_of(left, rules)[0] for rules in (bounded, usual))
+    left = robbed(random, log, whole, adversary)
+    least_held, most_held = ends_of(at_rate(log, rate_hz), held)
+    again, again_held = ends_of(left, bounded)[0], ends_of(at_rate(left, rate_hz), held)[0]
     true, _ = score_of(whole, held)
     gained = again_held - least_held if again_held > least_held else 0.0
     missed = true - min(max(true, least_held), most_held)

@@ -260,23 +260,28 @@ def lifted(copy: Copy) -> Copy:
     return copy.with_changed(one)
 
 
-def replayed(copy: Copy) -> Copy:
-    """Over the dash is played what all frames did 4 s before, stamped anew."""
-    before = {}
-    for message in copy.messages:
-        if message.connection.topic == "/tf" and ns(14.5) <= message.stamp_ns <= ns(17.5):
-            (sent,) = fields_of(message).transforms
-            before[message.stamp_ns, sent.child_frame_id] = sent.transform
+def replayed(first_s: float, last_s: float, lag_s: float) -> Change:
+    """Over a stretch is played what all frames did so long before, stamped anew."""
+    lag_ns = round(lag_s * 1e9)
 
-    def one(message: Any) -> Any:
-        if message.connection.topic != "/tf" or not ns(18.5) <= message.stamp_ns <= ns(21.5):
-            return message
-        fields = fields_of(message)
-        (sent,) = fields.transforms
-        sent.transform = before[message.stamp_ns - 4_000_000_000, sent.child_frame_id]
-        return changed(message, fields)
+    def change(copy: Copy) -> Copy:
+        before = {}
+        for message in copy.messages:
+            if message.connection.topic == "/tf":
+                (sent,) = fields_of(message).transforms
+                before[message.stamp_ns, sent.child_frame_id] = sent.transform
 
-    return copy.with_changed(one)
+        def one(message: Any) -> Any:
+            if message.connection.topic != "/tf" or not ns(first_s) <= message.stamp_ns <= ns(last_s):
+                return message
+            fields = fields_of(message)
+            (sent,) = fields.transforms
+            sent.transform = before[message.stamp_ns - lag_ns, sent.child_frame_id]
+            return changed(message, fields)
+
+        return copy.with_changed(one)
+
+    return change
 
 
 def frames(folder: Path) -> Copy:
@@ -542,7 +547,7 @@ ATTACKS = (
         "0",
         "what two publishers contradict each other in is not believed",
     ),
-    Attack("the same, in a format without publishers", example, ghost, HONEST, "10.20437", JUMPS),
+    Attack("the same, in a format without publishers", example, ghost, HONEST, "12.606066", JUMPS),
     Attack(
         "50 m more for three seconds",
         example,
@@ -556,7 +561,15 @@ ATTACKS = (
         example,
         distances(lambda _, m: m + 50.0, 20.0, 20.0),
         HONEST,
-        "19.761117",
+        "19.760749",
+        JUMPS,
+    ),
+    Attack(
+        "0.6 m more for a tenth of a second, and so a near miss of 30 ms left out",
+        dashed,
+        distances(lambda _, m: m + 0.6, 19.95, 20.05),
+        "19.999958",
+        "19.999735",
         JUMPS,
     ),
     Attack(
@@ -570,10 +583,18 @@ ATTACKS = (
     Attack(
         "an earlier stretch of all frames played over the dash",
         under_a_room,
-        replayed,
+        replayed(18.5, 21.5, 4.0),
         "19.891643",
         "0",
         "what comes back to the last bit is not believed",
+    ),
+    Attack(
+        "all frames of half a second before played over a dash of 0.1 s",
+        frames,
+        replayed(19.92, 20.12, 0.5),
+        "19.983044",
+        "0",
+        JUMPS,
     ),
     Attack(
         "a simulated clock of half the pace put in",

@@ -20,6 +20,7 @@ from ariac_score.checks.registry import Plugin, Registry
 from ariac_score.engine.facts import fact_schemas_of
 from ariac_score.engine.signal_needs import Deriver, derivers_of, needs_of
 from ariac_score.errors import LogMapError, PluginError, RuleSetError, ScoreError, did_you_mean
+from ariac_score.logs.gather.arrival import late_in_the_competition
 from ariac_score.logs.logmap import GROUP as LOG_MAPS
 from ariac_score.logs.logmap import load_log_map
 from ariac_score.monitors.monitor import SubjectMonitor
@@ -152,7 +153,7 @@ class Prepared:
     def derived(self, trial: Trial) -> Trial:
         """The trial with the signals that its checks need and that can be derived from what it has."""
         return derive_signals(
-            replace(trial, between=self.between_of(trial)),
+            replace(late_in_the_competition(trial), between=self.between_of(trial)),
             self.derivations,
             speed_window_s=self.log_map.speed_window_s,
             brought=self.brought,

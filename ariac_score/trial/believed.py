@@ -34,8 +34,11 @@ FASTEST_CLOSING_M_S = 10.0
 FASTEST_OF_ANY_M_S = 100.0
 """The same of two bodies of any kind."""
 
-_ALLOWED_M = 0.5
-"""A smaller step may be noise of a camera, or another link that is now the nearest, m."""
+_LEAST_NOISE_M, _MOST_NOISE_M = 0.1, 0.5
+"""A step may be longer by so much than anything moves, for a camera has noise, and a scale has steps, m."""
+
+_NOISE_OF_CURVATURE = 2.0
+"""White noise changes a step by less than this times what it changes nineteen of twenty steps by."""
 
 _SPEED_STEP_M_S, _GREATEST_ACCELERATION_M_S2 = 5.0, 100.0
 """A speed that steps by more than the first, and faster than the second, is none of a robot or a person."""
@@ -196,8 +199,10 @@ def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
     if limits is None or len(signal) < 2:
         return none
     rate, allowed = limits
-    allowed += rate * signal.stamp_jitter_s
     rows = signal.values.reshape(len(signal), -1)
+    if allowed is None:
+        allowed = _noise_m(rows)
+    allowed += rate * signal.stamp_jitter_s
     steps = np.sqrt(np.square(np.diff(rows, axis=0)).sum(axis=1))
     suspicious = np.flatnonzero(steps > rate * np.diff(signal.t) + allowed)
     if not len(suspicious):
@@ -212,16 +217,27 @@ def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
     return none
 
 
-def _limits(signal: Signal, bodies: Sequence[Body]) -> tuple[float, float] | None:
+def _noise_m(rows: FloatArray) -> float:
+    """How much of a step may be noise, by how much steps differ from the ones before them, m.
+
+    A signal without noise has little room for a sample that was moved, one with much noise has more of it.
+    """
+    bends = np.sqrt(np.square(np.diff(rows, 2, axis=0)).sum(axis=1))
+    usual = float(np.quantile(bends, 0.95)) if len(bends) else 0.0
+    return min(max(_NOISE_OF_CURVATURE * usual, _LEAST_NOISE_M), _MOST_NOISE_M)
+
+
+def _limits(signal: Signal, bodies: Sequence[Body]) -> tuple[float, float | None] | None:
+    """How fast a signal changes at most, and what a step may be longer; `None`: by the noise that it has."""
     quantity = QUANTITIES.get(quantity_of(signal.name))
     subjects = {subject.partition("::")[0] for subject in subject_of(signal.name).split("/")}
     kinds = {body.kind for body in bodies if body.id in subjects}
     if quantity is None:
         return None
     if quantity_of(signal.name) == "position" and kinds and kinds <= _KNOWN_KINDS:
-        return FASTEST_CLOSING_M_S / 2, _ALLOWED_M
+        return FASTEST_CLOSING_M_S / 2, None
     if quantity.of == "pair" and quantity.unit == "m":
-        return (FASTEST_CLOSING_M_S if kinds and kinds <= _KNOWN_KINDS else FASTEST_OF_ANY_M_S), _ALLOWED_M
+        return (FASTEST_CLOSING_M_S if kinds and kinds <= _KNOWN_KINDS else FASTEST_OF_ANY_M_S), None
     if quantity_of(signal.name) in ("speed", "tcp_speed") and kinds and kinds <= _KNOWN_KINDS:
         return _GREATEST_ACCELERATION_M_S2, _SPEED_STEP_M_S
     return None

@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score.logs.gather.arrival import LONGEST_DELAY_S, arrival_jitter_s
+from ariac_score.logs.gather.arrival import LONGEST_DELAY_S, arrival_jitter_s, late_in_the_competition
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import Span
 
 PERIOD_S = 0.01
 
@@ -53,6 +57,48 @@ def test_after_a_pause_a_message_may_be_as_late_as_it_lasted_up_to_a_quarter_sec
     t[50:] += pause_s
 
     assert arrival_jitter_s(t) == pytest.approx(late_s)
+
+
+def lateness_s(t: np.ndarray, *, stamped: bool = False) -> float:
+    """Of a competition from 0.5 s to 1.5 s, recorded from 0 s to 2 s."""
+    signal = Signal("distance/arm/ann", "m", t, np.ones(len(t)), stamp_jitter_s=0.0 if stamped else 1e-3)
+    trial = Trial(
+        "t",
+        signals={signal.name: signal},
+        events=(Event(0.5, COMPETITION_STARTED), Event(1.5, COMPETITION_ENDED)),
+        recorded=Span(0.0, 2.0),
+    )
+    return late_in_the_competition(trial).signals[signal.name].stamp_jitter_s
+
+
+@given(stalls=STALLS, cut=st.tuples(st.integers(0, 99), st.integers(101, 200)))
+def test_a_recording_that_is_cut_at_its_ends_makes_no_message_of_the_competition_look_less_late(
+    stalls: list[tuple[int, int]], cut: tuple[int, int]
+) -> None:
+    t = stalled(stalls)
+
+    assert lateness_s(t[slice(*cut)]) >= lateness_s(t) - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("stall", "late_s"),
+    [
+        ((20, 12), 0.01),  # before the competition
+        ((170, 12), 0.01),  # behind it
+        ((100, 12), 0.13),  # in it
+    ],
+)
+def test_only_what_came_late_in_the_competition_counts(stall: tuple[int, int], late_s: float) -> None:
+    assert lateness_s(stalled([stall])) == pytest.approx(late_s, abs=1e-3)
+
+
+def test_silence_at_either_end_of_the_competition_is_an_interval() -> None:
+    t = PERIOD_S * np.arange(200)
+
+    assert lateness_s(t[t > 0.6]) == pytest.approx(0.11, abs=1e-3)
+    assert lateness_s(t[t < 1.4]) == pytest.approx(0.11, abs=1e-3)
+    assert lateness_s(t[t < 0.4]) == LONGEST_DELAY_S
+    assert lateness_s(t[t > 0.6], stamped=True) == 0.0
 
 
 def test_too_few_messages_show_nothing() -> None:

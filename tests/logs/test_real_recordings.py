@@ -18,7 +18,7 @@ from ariac_score import LogError, Result, Trial, Verdict, load_log_map, load_rul
 from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
-from ariac_score.logs.gather.arrival import arrival_delays_s
+from ariac_score.logs.gather.arrival import arrival_delays_s, late_in_the_competition
 from ariac_score.results.adjustments import Adjustments, adjust, load_adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.readiness import check_log
@@ -95,13 +95,14 @@ def test_twelve_gaps_leave_the_score_between_two_numbers_and_hide_no_contact() -
     assert "without gaps longer than 0.05 s" in lack.remedy
 
 
-@pytest.mark.parametrize(("name", "longest_gap_s"), [("walk_done.bag", 0.057), ("walk_jitter.bag", 0.097)])
+@pytest.mark.parametrize(("name", "longest_gap_s"), [("walk_done.bag", 0.029), ("walk_jitter.bag", 0.097)])
 def test_an_honest_recording_lacks_nothing_and_says_how_late_what_nobody_stamped_arrived(
     name: str, longest_gap_s: float
 ) -> None:
-    trial = read(name, "centre_distance", "position")
+    trial = late_in_the_competition(read(name, "centre_distance", "position"))
 
-    # No message is later than the gap before it is long; those with stamps are not late at all.
+    # No message is later than the gap before it is long; those with stamps are not late at all. The longest
+    # one of walk_done.bag, 57 ms, is behind the end of the competition, where anybody can cut it off.
     late_s = trial.signals["centre_distance/robot/human"].stamp_jitter_s
     assert late_s == pytest.approx(longest_gap_s, abs=0.001)
     assert trial.signals["position/human"].stamp_jitter_s == 0.0

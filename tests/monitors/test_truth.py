@@ -45,6 +45,17 @@ def test_where_intervals_are_held_late_stamps_make_no_violation_that_leaving_out
     assert found.gained_held == 0.0
 
 
+@pytest.mark.parametrize("seed", [20027, 20386, 20927])
+def test_where_rates_are_stated_leaving_out_every_other_sample_does_not_pay(
+    truth: ModuleType, seed: int
+) -> None:
+    """Seeds with which it pays by 2 to 6 points where nobody states how often bodies are published."""
+    found = truth.tried(seed, 4.0)
+
+    assert found.adversary == "every other"
+    assert found.gained_held == 0.0
+
+
 @pytest.mark.slow
 def test_the_true_score_lies_in_the_interval_of_every_recording_and_leaving_out_does_not_pay(
     truth: ModuleType, subtests: pytest.Subtests

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.model import Trial
+from ariac_score.trial.signals import Signal
+from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.window import ends_of
 
-__all__ = ["LONGEST_DELAY_S", "arrival_delays_s", "arrival_jitter_s"]
+__all__ = ["LONGEST_DELAY_S", "arrival_delays_s", "arrival_jitter_s", "late_in_the_competition"]
 
 _WINDOW = 64
 """Within so many messages a late one is made up for; beyond, the period may just be another one."""
@@ -43,6 +48,30 @@ def arrival_jitter_s(t: FloatArray) -> float:
     """
     longest_s = float(np.diff(t).max(initial=0.0))
     return max(float(arrival_delays_s(t).max(initial=0.0)), min(longest_s, LONGEST_DELAY_S))
+
+
+def late_in_the_competition(trial: Trial) -> Trial:
+    """The trial with the lateness of stamps that its messages show within the competition.
+
+    What came before or after it can be cut off a recording, and would be where it shows a delay. The silence
+    from the start to the first message, and from the last one to the end, is an interval as any other.
+    """
+    ends, window = ends_of(trial), trial.window
+    if ends is not None:
+        window = Span(ends.start.start_s, ends.end.end_s)
+    if window is None:
+        return trial
+    within = window
+    return replace(trial, signals={name: _late_in(one, within) for name, one in trial.signals.items()})
+
+
+def _late_in(signal: Signal, window: Span) -> Signal:
+    if not signal.stamp_jitter_s:
+        return signal  # senders stamped it
+    t = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
+    silence_s = np.diff(np.concatenate(([window.start_s], t, [window.end_s])))
+    made_up_for_s = float(arrival_delays_s(t).max(initial=0.0))
+    return replace(signal, stamp_jitter_s=max(made_up_for_s, min(float(silence_s.max()), LONGEST_DELAY_S)))
 
 
 def arrival_delays_s(t: FloatArray) -> FloatArray:

@@ -19,8 +19,10 @@ STATES = frozenset({COMPETITION_STARTED, COMPETITION_ENDED})
 over. Of consecutive messages with the same meaning only the first is an event."""
 
 _OVER_AND_OVER = 3
-"""A topic that begins with so many messages of one meaning states it over and over, so it did before, too."""
+"""A topic with so many messages of one meaning in a row states it over and over."""
 
+_AGAIN = 2
+"""One that says anything twice does not speak only of changes: so it said what it says first before, too."""
 
 SILENT_S = 10.0
 """Where a topic is silent for longer than this, and then says that it runs, nobody knows since when.
@@ -38,7 +40,7 @@ def changes(
 ) -> Iterator[Any]:
     """What the messages of a topic say, each state once, where it begins.
 
-    A topic that states over and over that the competition runs, from its first message on, was recorded too
+    A topic that repeats itself, and says in its first message that the competition runs, was recorded too
     late: when the competition started is not in the log. The same holds where it was silent for long before.
 
     Such a topic says at its rate what has changed since its last message, so a start or an end that it states
@@ -56,10 +58,10 @@ def changes(
     Raises:
         LogError: The competition runs again after it was over.
     """
-    late = [_state(item) for item in items[:_OVER_AND_OVER]] == [COMPETITION_STARTED] * _OVER_AND_OVER
+    late = _begins_running(items) and (at_a_rate or _repeats(items, _AGAIN))
     first = next((i for i, item in enumerate(items) if _state(item) == COMPETITION_STARTED), None)
     silent_s = _silent_s(first, times_s, builder)
-    repeats = bool(times_s) and (at_a_rate or _repeats(items))
+    repeats = bool(times_s) and (at_a_rate or _repeats(items, _OVER_AND_OVER))
     before: str | None = None
     ended: Event | None = None
     for place, item in enumerate(items):
@@ -103,10 +105,14 @@ def _silent_s(place: int | None, times_s: Sequence[float], builder: TrialBuilder
     return 0.0 if builder.recorded is None else times_s[place] - builder.recorded.start_s
 
 
-def _repeats(items: Sequence[Any]) -> bool:
-    """Whether a topic states over and over what it has said already."""
+def _begins_running(items: Sequence[Any]) -> bool:
+    return bool(items) and _state(items[0]) == COMPETITION_STARTED
+
+
+def _repeats(items: Sequence[Any], times: int) -> bool:
+    """Whether a topic says so many times in a row what it has said already."""
     states = (_state(item) for item in items)
-    return any(state is not None and len(list(same)) >= _OVER_AND_OVER for state, same in groupby(states))
+    return any(state is not None and len(list(same)) >= times for state, same in groupby(states))
 
 
 def _state(item: Any) -> str | None:
