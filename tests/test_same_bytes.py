@@ -83,9 +83,12 @@ def test_every_format_gives_the_same_findings_and_the_same_ledger(tmp_path: Path
     for log in logs:
         data = json.loads(as_json(score_trial(log, "paper2020")))
         coverage = data["measured"]["coverage"]
-        sources = {(one.pop("source"), one.pop("stamp_jitter_s", 0.0)) for one in coverage}
+        of_topic = {
+            (one.pop("source"), *(one.pop(n, 0.0) for n in ("stamp_jitter_s", "stated_rate_hz")))
+            for one in coverage
+        }
         # JSON Lines have no topics, and times that are no times of arrival.
-        assert sources == {("", 0.0) if log.suffix == ".jsonl" else ("/snapshot", 0.01)}
+        assert of_topic == {("", 0.0, 0.0) if log.suffix == ".jsonl" else ("/snapshot", 0.01, 100.0)}
         told.add(json.dumps([data["score"], data["ledger"], data["measured"]["findings"], coverage]))
 
     assert len(told) == 1
