@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -12,6 +13,7 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import SchemaError
+from jsonschema.validators import extend
 
 from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
@@ -26,6 +28,16 @@ __all__ = [
     "validate",
     "value_errors",
 ]
+
+
+def _is_number(_: Any, value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+# NaN is below no minimum and above no maximum, so a number is one only where it is finite.
+_VALIDATOR: type[Draft202012Validator] = extend(  # type: ignore[no-untyped-call]
+    Draft202012Validator, type_checker=Draft202012Validator.TYPE_CHECKER.redefine("number", _is_number)
+)
 
 
 def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
@@ -71,7 +83,7 @@ def _validator(name: str, definition: str) -> Draft202012Validator:
     whole = schema(name)
     # A definition may refer to others, so the part needs all of them.
     part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
-    return Draft202012Validator(part)
+    return _VALIDATOR(part)
 
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
@@ -92,7 +104,7 @@ def value_errors(data: Any, own: Mapping[str, Any]) -> list[tuple[Place, str, st
     >>> value_errors({"kind": 3}, {"properties": {"kind": {"type": "string"}}})
     [(('kind',), "3 is not of type 'string'", 'give a string')]
     """
-    return _faults(Draft202012Validator(own), data)
+    return _faults(_VALIDATOR(own), data)
 
 
 def refuse_no_schema(own: Mapping[str, Any]) -> None:
@@ -126,8 +138,8 @@ def _deepest(fault: Any) -> Any:
 def _known_key(name: str, known: Sequence[str], is_known: Callable[[str], bool]) -> str:
     """A remedy for a key that is none: where any name is one, that of the right letters."""
     spelt = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-    if not known and is_known(spelt):
-        return f"did you mean {spelt!r}?"
+    if not known:
+        return f"did you mean {spelt!r}?" if spelt and is_known(spelt) else "give it a name"
     return did_you_mean(name, known, what="known keys")
 
 
@@ -151,6 +163,8 @@ def _description(fault: Any) -> tuple[Place, str, str]:
             f"{fault.instance!r} is not allowed here",
             did_you_mean(str(fault.instance), [str(v) for v in fault.validator_value], what="allowed"),
         )
+    if fault.validator == "type" and isinstance(fault.instance, float) and not math.isfinite(fault.instance):
+        return path, f"{fault.instance!r} is not a finite number", _of_type(fault)
     if fault.validator == "type":
         return (
             path,

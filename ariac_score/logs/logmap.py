@@ -292,9 +292,9 @@ def _contradictions(data: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield "numbers", "no event has its 'numbers'", "add 'event:', or the 'decoder:' that makes the events"
     if data.get("as_consumed") and not data.get("signals"):
         yield "as_consumed", "a channel without signals has nothing as consumed", "map its 'signals:'"
-    if "rate_hz" in data and not data.get("signals"):
+    if "rate_hz" in data and not (data.get("signals") or data.get("decoder")):
         hint = "map its 'signals:'; of poses each entry of 'frames:' and 'models:' has a rate of its own"
-        yield "rate_hz", "a channel without signals has no rate", hint
+        yield "rate_hz", "a channel without signals or a decoder has no rate", hint
     for key in sorted({"event", "facts"} & data.keys()) if "poses" in data else ():
         yield key, f"a channel of poses has no {key!r}", "give the topic a second channel"
 

@@ -168,6 +168,36 @@ def test_an_absolute_path_is_taken_as_it_is(written: Path) -> None:
             "True is not of type 'number'",
             "give",
         ),
+        # No minimum is above NaN, and no maximum below it.
+        *(
+            (
+                "source: by hand",
+                f"source: by hand\n{text}",
+                place,
+                f"{said} is not a finite number",
+                "give a number",
+            )
+            for text, place, said in (
+                ("bounds: {time_error_s: .nan}", "$.bounds.time_error_s", "nan"),
+                ("bounds: {distance_error_m: .inf}", "$.bounds.distance_error_m", "inf"),
+                ("bounds: {human: {max_speed_m_s: .nan, source: x}}", "$.bounds.human.max_speed_m_s", "nan"),
+                ("speed_window_s: .nan", "$.speed_window_s", "nan"),
+            )
+        ),
+        (
+            "    type: a/msg/B\n",
+            "    rate_hz: .inf\n",
+            "$.channels[0].rate_hz",
+            "inf is not a finite number",
+            "give",
+        ),
+        (
+            "    decoder: ariac_score.records\n    witnesses: [submissions]\n",
+            "    witnesses: [submissions]\n    rate_hz: 10\n",
+            "$.channels[1].rate_hz",
+            "a channel without signals or a decoder has no rate",
+            "each entry of 'frames:' and 'models:' has a rate of its own",
+        ),
         (
             "speed/human",
             "sped/human",

@@ -313,6 +313,15 @@ def test_a_recording_that_begins_while_the_competition_runs_does_not_know_its_st
     assert defects(trial) == ({"late_recording": 1} if started_s is None else {})
 
 
+@pytest.mark.parametrize(("rate_hz", "started_s"), [(0.0, 0.0), (10.0, None)])
+def test_of_a_topic_with_a_rate_one_word_that_it_runs_does_not_tell_since_when(
+    tmp_path: Path, rate_hz: float, started_s: float | None
+) -> None:
+    trial = read(tmp_path / "t.bag", list(states("go", "done")), replace(STATES, rate_hz=rate_hz))
+
+    assert trial.started_s == started_s
+
+
 @pytest.mark.parametrize("words", [("init", "go", "done"), ("", "go", "done")])
 @pytest.mark.parametrize(("silent_s", "is_known"), [(10.0, True), (10.01, False)])
 def test_a_start_behind_a_long_silence_is_not_known(
