@@ -22,6 +22,10 @@ __all__ = ["RecordedKits", "with_contents"]
 _LONGER_PAUSE = 1.1
 """A pause so many times the usual one is none of the contact sensor that lets a tray be published."""
 
+_SENSOR_S = 1.0
+"""That sensor publishes once a second at least (SDF of trays and boxes, 2017 to 2022): where the usual pause
+is longer, messages are missing."""
+
 
 class RecordedKits(KitRecord):
     """The contents that messages show, each valid until the next one or until it is too old."""
@@ -35,7 +39,7 @@ class RecordedKits(KitRecord):
         self._times = {place: [kit.t_s for kit in kits] for place, kits in self._kits.items()}
 
     def seen(self, place: str, t_s: float, *, max_age_s: float) -> Kit | None:
-        """The last contents recorded at or before a time, unless they are older than allowed or usual."""
+        """The last contents recorded at or before a time, unless they are older than allowed and usual."""
         # To the right of equal times: contents of the instant of the submission are those handed in.
         last = bisect_right(self._times.get(place, []), t_s) - 1
         if last < 0 or t_s - self._times[place][last] > max(max_age_s, self._pause_s(place)):
@@ -45,7 +49,7 @@ class RecordedKits(KitRecord):
     def _pause_s(self, place: str) -> float:
         """How long the messages of a tray pause at most, while none is missing, s."""
         pauses = np.diff(self._times[place])
-        return _LONGER_PAUSE * float(np.median(pauses)) if len(pauses) > 1 else 0.0
+        return _LONGER_PAUSE * min(float(np.median(pauses)), _SENSOR_S) if len(pauses) > 1 else 0.0
 
 
 def with_contents(trial: Trial, *, max_age_s: float) -> Trial:

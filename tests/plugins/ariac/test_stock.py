@@ -226,6 +226,21 @@ def test_contents_older_than_the_pauses_of_their_tray_are_missing(
             assert of["order_0/order_0_kit_0/part_0"] is verdict
 
 
+def test_whoever_leaves_out_most_of_what_a_tray_says_makes_nothing_older_usual(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every fifth message of one a second, none of them in the second before the kit was handed in."""
+    messages = recorded_2017(case("rostest2018-perfect-shipment"))
+    handed_in_ns = next(m.t_ns for m in messages if m.fields.get("msg") == "AGV successfully triggered.")
+    kept = [m for m in messages if m.topic != "/ariac/trays" or (m.t_ns - handed_in_ns) // S % 5 == 3]
+    log = stock_bag(tmp_path / "rare", "2017", kept, monkeypatch)
+
+    found = score_trial(log, rules="ariac2017.as_coded").measured.findings.values()
+
+    of = {f.subject: f.verdict for f in found if f.check == "part_present"}
+    assert of["order_0/order_0_kit_0/part_0"] is Verdict.INCONCLUSIVE
+
+
 # 2019 to 2022: the AGV is printed, the shipment is not
 
 
