@@ -342,7 +342,7 @@ def test_headers_of_a_machine_whose_clock_is_not_set_are_not_mixed_with_times_of
 @pytest.mark.parametrize(
     ("others", "stamp", "said"),
     [
-        ([], "", "log time (of recording: no message carries its own, so a slow simulation would not show)"),
+        ([], "", "log time (of recording: no message carries its own, so a slower or faster simulation would not show)"),
         ([], "log", "log time"),
         ([joints(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),
         ([tick(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),

@@ -42,7 +42,7 @@ _UNSET_BEYOND_NS = 10**9
 
 _LATEST_NS = 2**63 - 1
 
-_UNCONFIRMED = "of recording: no message carries its own, so a slow simulation would not show"
+_UNCONFIRMED = "of recording: no message carries its own, so a slower or faster simulation would not show"
 
 _REMEDY = (
     "let the recorder stamp with simulated time (`rosbag record` with /use_sim_time, `ros2 bag record "
