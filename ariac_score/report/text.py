@@ -13,11 +13,19 @@ from msgspec import structs
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.open_findings import by_source
 from ariac_score.report.figures import amount_text
-from ariac_score.report.openness import bounds_text, is_at_worst, narrowing_text, open_sentence
+from ariac_score.report.openness import (
+    between,
+    bounds_text,
+    is_at_worst,
+    narrowing_text,
+    open_sentence,
+    which_counts,
+)
 from ariac_score.report.places import Places
 from ariac_score.report.statements import left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
@@ -64,6 +72,9 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     measured = result.measured
     if result.adjusted is not None:
         yield _adjusted_headline(result.adjusted, style)
+        left = interval_that_counts(result)
+        if left is not None:
+            yield style(f"the adjusted score lies {between(left)}; {which_counts(left)}", "yellow")
     if result.score is not None:
         looks = ("bold", "green" if result.score > 0 else "yellow")
         possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""

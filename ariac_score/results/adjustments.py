@@ -6,21 +6,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timezone
 from decimal import Decimal
-from math import inf
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import DataFileError, did_you_mean
-from ariac_score.results.doubt import as_scored
 from ariac_score.results.result import Result
-from ariac_score.scoring.left_open import TIMES, LeftOpen
+from ariac_score.results.still_open import as_counted, still_open
+from ariac_score.scoring.decimals import in_own_decimals
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.pricing import Priced, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
-from ariac_score.scoring.steward import Adjusted, Adjustment, FiledAdjustment, adjusted_ledger, check_effects
+from ariac_score.scoring.steward import (
+    Adjusted,
+    Adjustment,
+    FiledAdjustment,
+    adjusted_ledger,
+    check_effects,
+    with_verdicts,
+)
 
 __all__ = [
     "Adjustments",
@@ -28,6 +36,7 @@ __all__ = [
     "adjustments_template",
     "apply",
     "check_targets",
+    "interval_that_counts",
     "load_adjustments",
     "priced_with",
 ]
@@ -104,58 +113,6 @@ def _time(document: YamlDocument, number: int, value: Any) -> Any:
             hint="write such as 2024-05-12T14:30:00Z, or with an offset: 2024-05-12T16:30:00+02:00",
         )
     return value
-
-
-def _still_open(result: Result, findings: Mapping[str, Finding], rule_set: RuleSet) -> LeftOpen:
-    """What is open after decisions: of a check and a subject either all that was, or what nobody decided.
-
-    Both of its worlds are of all its gaps together, and no decision about one of them says what they are
-    without it. So they stay until each undecided finding is decided, or a violation that was seen. The gaps
-    within such a violation are decided with it.
-    """
-    before, known = result.measured.findings, as_scored(result, rule_set)
-    kept = []
-    for one in known.findings:
-        own = {k: f for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject)}
-        decided = [key for key, f in own.items() if f.verdict is not before[key].verdict]
-        ruled = [own[key] for key in decided if before[key].verdict is not Verdict.INCONCLUSIVE]
-        undecided = any(finding.verdict is Verdict.INCONCLUSIVE for finding in own.values())
-        if not ruled and (undecided or not decided):
-            kept.append(one)
-        elif undecided:
-            kept.append(_of_gaps(one, own, ruled))
-    return replace(known, findings=tuple(kept))
-
-
-def _of_gaps(one: OpenFindings, own: Mapping[str, Finding], ruled: Sequence[Finding]) -> OpenFindings:
-    """Worlds where a seen violation is decided: none in a gap beside it, or one as bad as the worst had."""
-    worst = [finding for finding in one.worst.values() if finding.verdict is Verdict.VIOLATED]
-    most: dict[str, float] = {}
-    for finding in worst:
-        for name, value in finding.quantities.items():
-            most[name] = max(value, most.get(name, value))
-    units = {name: unit for finding in worst for name, unit in finding.units.items()}
-    seen, violated = {}, {}
-    for key, finding in own.items():
-        within = next((each for each in ruled if _is_within(finding, each)), None)
-        if finding.verdict is not Verdict.INCONCLUSIVE:
-            seen[key] = finding
-        elif within is not None:
-            seen[key] = replace(finding, verdict=within.verdict)
-        else:
-            lasted_s = inf if finding.span is None else finding.span.duration_s
-            quantities = {n: min(v, lasted_s) if n in TIMES else v for n, v in most.items()}
-            critical = any(each.critical for each in worst)
-            violated[key] = replace(
-                finding, verdict=Verdict.VIOLATED, quantities=quantities, units=units, critical=critical
-            )
-    return replace(one, best=seen, worst={**seen, **violated}, tight=False)
-
-
-def _is_within(finding: Finding, other: Finding) -> bool:
-    if finding.span is None or other.span is None:
-        return False
-    return other.span.start_s <= finding.span.start_s and finding.span.end_s <= other.span.end_s
 
 
 def _decision(document: YamlDocument, number: int, entry: Mapping[str, Any]) -> Adjustment:
@@ -296,15 +253,35 @@ def priced_with(result: Result, findings: Mapping[str, Finding], rule_set: RuleS
         FormulaError: The rules have no value for them.
     """
     return price(
-        findings,
+        as_counted(result, findings, rule_set),
         result.measured.scopes,
         rule_set.sheet,
         rule_set.policies,
         digits=rule_set.digits,
         cohort=result.cohort,
         measures=result.measured.measures,
-        left_open=_still_open(result, findings, rule_set),
+        left_open=still_open(result, findings, rule_set),
     )
+
+
+@in_own_decimals
+def interval_that_counts(result: Result) -> ScoreInterval | None:
+    """Between which ends the score lies that counts, which is the adjusted one where there is one.
+
+    Verdicts leave other ends, and points move both. `None`: nothing is open, or stewards set the score.
+    """
+    if result.adjusted is None:
+        return result.interval
+    decisions = result.adjusted.adjustments
+    if any(decision.settles for decision in decisions):
+        return None
+    left = result.interval
+    if any(decision.verdict for decision in decisions):
+        rule_set = rule_set_from_text(result.rules, file="the rules in the result")
+        # It was priced for its score, so it has a value.
+        left = priced_with(result, with_verdicts(result.measured.findings, decisions), rule_set).interval
+    by = sum((decision.points for decision in decisions if decision.points is not None), Decimal(0))
+    return None if left is None else structs.replace(left, least=left.least + by, most=left.most + by)
 
 
 _DECIDABLE = (Verdict.VIOLATED, Verdict.INCONCLUSIVE)

@@ -41,6 +41,7 @@ class LeftOpen:
         work_open: Why more may have been asked for than the trial has, so that no number is its score; empty
             where that is known.
         lasted: For how long the competition may have lasted; `None` where that is known.
+        ruled: Ids of findings that nobody saw and stewards call violated: at its best each is one violation.
     """
 
     findings: tuple[OpenFindings, ...] = ()
@@ -52,6 +53,7 @@ class LeftOpen:
     open_end_s: float | None = None
     work_open: str = ""
     lasted: Lasted | None = None
+    ruled: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,11 @@ def variables_of(
         found.append(_between(one, seen, endless=left_open.endless and one.check in left_open.monitors))
     for key in sorted(findings):
         finding = findings[key]
-        if finding.verdict is Verdict.INCONCLUSIVE and finding.check in among and key not in covered:
+        if finding.check not in among or key in covered:
+            continue
+        if key in left_open.ruled:
+            found += _ruled(_unwatched(key, finding, left_open, measures.get(finding.check, {})))
+        elif finding.verdict is Verdict.INCONCLUSIVE:
             if finding.check in left_open.monitors:
                 found.append(_unwatched(key, finding, left_open, measures.get(finding.check, {})))
             else:
@@ -209,6 +215,15 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mappin
         most=inf if left_open.endless else _new_ones(span, left_open.pauses_s.get(finding.check, 0.0)),
         endless=left_open.endless,
     )
+
+
+def _ruled(one: Variable) -> list[Variable]:
+    """A stretch that stewards call violated: at least once, at most as before; none where it has no end."""
+    if one.endless:
+        return []
+    best = {key: replace(finding, verdict=Verdict.VIOLATED) for key, finding in one.best.items()}
+    # Where nothing says how many there may have been, it is the one that they ruled about.
+    return [replace(one, best=best, fewest=1, most=1 if one.most == inf else one.most)]
 
 
 def _without_end(one: Variable, declared: Mapping[str, Measure]) -> Variable:

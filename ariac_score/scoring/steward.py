@@ -85,7 +85,7 @@ class Adjustment(Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=
         if self.dismissed:
             return "the complaint is dismissed"
         if self.verdict:
-            return f"{self.finding} counts as {self.verdict.replace('_', ' ')}"
+            return f"{self.finding} counts as {_in_words(self.verdict)}"
         if self.points is not None:
             return f"{_plain(self.points, sign='+')} points"
         return "disqualified" if self.score is None else f"the score is {_plain(self.score)}"
@@ -143,6 +143,10 @@ class Adjusted:
     def disqualified(self) -> bool:
         """Whether a decision disqualifies."""
         return any(adjustment.disqualified for adjustment in self.adjustments)
+
+
+def _in_words(verdict: str) -> str:
+    return verdict.replace("_", " ")
 
 
 def _plain(amount: Decimal, sign: str = "-") -> str:
@@ -291,6 +295,11 @@ def _after(
         raise adjustment.refuse(
             f"the rules have no value for it: {error.cause}", "decide on points of the trial instead"
         ) from error
+    if priced.ledger is None and running is not None:
+        raise adjustment.refuse(
+            f"with {adjustment.finding} {_in_words(adjustment.verdict)} there is no score: {priced.missing}",
+            "decide on points of the trial instead, or set the score",
+        )
     return None if priced.ledger is None else priced.ledger.amount
 
 

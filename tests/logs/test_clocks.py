@@ -339,10 +339,13 @@ def test_headers_of_a_machine_whose_clock_is_not_set_are_not_mixed_with_times_of
     assert len(read(tmp_path / "u.mcap", moved).signals["position/human"]) == 20
 
 
+UNCONFIRMED = "of recording: no message carries its own, so a slower or faster simulation would not show"
+
+
 @pytest.mark.parametrize(
     ("others", "stamp", "said"),
     [
-        ([], "", "log time (of recording: no message carries its own, so a slower or faster simulation would not show)"),
+        ([], "", f"log time ({UNCONFIRMED})"),
         ([], "log", "log time"),
         ([joints(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),
         ([tick(WALL_NS + i * S, WALL_NS + i * S) for i in range(30)], "", "log time"),

@@ -6,9 +6,10 @@ and the competition's state is published each second.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -19,9 +20,10 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.logs.gather.arrival import arrival_delays_s, late_in_the_competition
-from ariac_score.results.adjustments import Adjustments, adjust, load_adjustments
+from ariac_score.results.adjustments import Adjustments, adjust, interval_that_counts, load_adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.readiness import check_log
+from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.trial.derive import Derivation, derive_signals
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"
@@ -187,38 +189,147 @@ def test_leaving_out_messages_that_came_late_does_not_raise_what_counts(tmp_path
         assert counts <= honest
 
 
+# Stewards ------------------------------------------------------------------------------
+
+BOUNDED = """\
+between_samples: bounded
+bounds:
+  human: {max_speed_m_s: 1.6, max_acceleration_m_s2: 5.0, source: a test}
+  robot: {max_speed_m_s: 1.0, max_acceleration_m_s2: 5.0, source: a test}
+"""
+
+
+def scored(log: str, rules: str, folder: Path, more: str = "") -> Result:
+    own = folder / "own.yaml"
+    own.write_text(f"id: own\ntitle: Own\nsource: a test\nextends: {rules}\n{more}", encoding="utf-8")
+    return score_trial(REAL / f"{log}.bag", own)
+
+
+def ruled(result: Result, verdicts: Mapping[str, str], folder: Path) -> tuple[Decimal, ScoreInterval | None]:
+    """What a result is worth after verdicts, and what they leave open."""
+    if not verdicts:
+        assert result.score is not None
+        return result.score, result.interval
+    adjustments = decisions(result, verdicts, folder)
+    found, _ = adjust(result, adjustments, measured=measured_sha256(result))
+    assert found.final is not None
+    return found.final, interval_that_counts(found)
+
+
+def of_separation(result: Result, verdict: Verdict) -> list[str]:
+    return [key for key, one in result.measured.of("separation").items() if one.verdict is verdict]
+
+
 @pytest.mark.parametrize("rules", ["paper2020", "paper2020.published"])
 def test_stewards_lower_no_score_by_finding_that_nothing_happened_in_a_gap(
     rules: str, tmp_path: Path
 ) -> None:
-    result = score_trial(REAL / "walk_jitter.bag", rules)
+    result = scored("walk_jitter", rules, tmp_path)
     assert result.score is not None
-    assert result.interval is not None
-    of_separation = result.measured.of("separation")
-    gaps = [key for key, one in of_separation.items() if one.verdict is Verdict.INCONCLUSIVE]
-    (seen,) = (key for key, one in of_separation.items() if one.verdict is Verdict.VIOLATED)
+    gaps = of_separation(result, Verdict.INCONCLUSIVE)
+    (seen,) = of_separation(result, Verdict.VIOLATED)
     assert len(gaps) == 12
 
     def decided(*keys: str) -> Decimal:
-        found, _ = adjust(result, satisfied(result, keys, tmp_path), measured=measured_sha256(result))
-        assert found.adjusted is not None
-        assert found.adjusted.score is not None
-        return found.adjusted.score
+        return ruled(result, dict.fromkeys(keys, "satisfied"), tmp_path)[0]
 
-    assert decided(gaps[0]) == decided(*gaps[1:]) == result.score  # both worlds are of all gaps together
-    assert result.score < decided(*gaps) <= result.interval.most
-    # The gaps within a violation are decided with it; those beside it stay open.
-    assert result.score < decided(seen) < decided(seen, gaps[0]) < decided(seen, *gaps) == 4
+    assert result.score <= decided(gaps[0]) < decided(*gaps)
+    # 86 gaps are too short for a finding: nobody decided that nothing was in them.
+    assert result.score < decided(seen) < decided(seen, gaps[0]) < decided(seen, *gaps) < 4
 
 
-def satisfied(result: Result, keys: Sequence[str], folder: Path) -> Adjustments:
+@pytest.mark.parametrize(("more", "rules"), [("", "paper2020"), (BOUNDED, "paper2020.published")])
+def test_a_verdict_about_what_was_seen_leaves_open_what_lies_beside_it(
+    more: str, rules: str, tmp_path: Path
+) -> None:
+    """By the recording's 4 points of the task: nothing was violated at best, at worst what lies beside."""
+    result = scored("walk_done", rules, tmp_path, more)
+    assert result.score is not None
+    (seen,) = of_separation(result, Verdict.VIOLATED)
+
+    score, left = ruled(result, {seen: "satisfied"}, tmp_path)
+
+    assert left is not None
+    assert result.score < score == left.least < left.most == 4
+
+
+def test_a_violation_that_may_have_been_beside_the_one_ruled_about_costs_what_it_cost(tmp_path: Path) -> None:
+    """Demerits of `paper2020.published` by hand: 0.4 for each violation, and 0.4 times its depth in 5 s."""
+    result = scored("walk_done", "paper2020.published", tmp_path)
+    (seen,) = of_separation(result, Verdict.VIOLATED)
+    span = result.measured.findings[seen].span
+    (worlds,) = (one for one in result.measured.open if one.check == "separation")
+    beside = [one for one in worlds.worst.values() if span and one.span and not one.span.overlaps(span)]
+    assert len(beside) == 4  # one more begins in what was seen, and lasts 0.6 s longer
+    depth = sum(one.quantities["relative_depth_integral_s"] for one in beside)
+
+    score, _ = ruled(result, {seen: "satisfied"}, tmp_path)
+
+    at_most, at_least = (4 / (1 + 0.4 * (n + depth_s / 5)) for n, depth_s in ((4, depth), (5, depth + 0.61)))
+    assert at_least <= float(score) <= at_most
+
+
+@pytest.mark.parametrize("more", ["", BOUNDED], ids=["as published", "bounded"])
+def test_gaps_that_stewards_call_violated_cost_what_their_worst_was_and_close_no_others(
+    more: str, tmp_path: Path
+) -> None:
+    result = scored("walk_jitter", "paper2020.published", tmp_path, more)
+    assert result.interval is not None
+    gaps = of_separation(result, Verdict.INCONCLUSIVE)
+
+    for keys in (gaps[:1], gaps):
+        score, left = ruled(result, dict.fromkeys(keys, "violated"), tmp_path)
+        assert left is not None
+        assert score == left.least == result.score  # which counts all gaps at their worst
+        assert left.most < result.interval.most
+
+    (seen,) = of_separation(result, Verdict.VIOLATED)
+    cleared, _ = ruled(result, {seen: "satisfied"}, tmp_path)
+    both, left = ruled(result, {seen: "satisfied", gaps[0]: "violated"}, tmp_path)
+    assert left is not None
+    assert left.least == both <= cleared
+    assert left.most < 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("counts", ["worst", "best"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        "",
+        BOUNDED,
+        "score: task / (1 + count(separation))\n",
+        f"{BOUNDED}score: task - 0.01 * (seconds(separation) + measure(separation, depth_integral_m_s))\n",
+    ],
+    ids=["published", "bounded", "counted", "timed"],
+)
+def test_no_verdict_against_a_team_raises_its_score_and_none_for_it_lowers_it(
+    more: str, counts: str, tmp_path: Path
+) -> None:
+    result = scored("walk_jitter", "paper2020.published", tmp_path, f"{more}open: {counts}\n")
+    findings = result.measured.of("separation")
+    random = Random(20)  # noqa: S311  # seeded, so that every run tries the same
+    for _ in range(6):
+        verdicts: dict[str, str] = {}
+        before, _ = ruled(result, verdicts, tmp_path)
+        for key in random.sample(sorted(findings), 3):
+            others = {"satisfied", "violated", "not_applicable"} - {findings[key].verdict.value}
+            verdicts[key] = random.choice(sorted(others))
+            after, left = ruled(result, verdicts, tmp_path)
+            assert after <= before if verdicts[key] == "violated" else after >= before, verdicts
+            assert left is None or left.least <= after <= left.most, verdicts
+            before = after
+
+
+def decisions(result: Result, verdicts: Mapping[str, str], folder: Path) -> Adjustments:
     lines = ["adjustments:"]
-    for key in keys:
-        about = f"{{trial: walk_jitter, measured: {measured_sha256(result)!r}, finding: '{key}'}}"
+    for key, verdict in verdicts.items():
+        trial, measured = result.measured.trial, measured_sha256(result)
+        about = f"{{trial: {trial}, measured: {measured!r}, finding: '{key}'}}"
         name, ruling = (
             key.replace("#", "_"),
             "author: a steward, reason: seen on film, time: 2024-05-12T14:30:00Z",
         )
-        lines.append(f"  - {{id: {name}, {ruling}, target: {about}, effect: {{verdict: satisfied}}}}")
+        lines.append(f"  - {{id: {name}, {ruling}, target: {about}, effect: {{verdict: {verdict}}}}}")
     (folder / "adjustments.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return load_adjustments(folder / "adjustments.yaml")

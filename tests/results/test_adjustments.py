@@ -272,7 +272,7 @@ def test_with_everything_set_aside_the_score_is_what_was_possible(tmp_path: Path
         ([decision(effect={"points": 0})], "0 points change nothing"),
         ([decision(effect={"points": 0.1234567})], "more than 6 decimals"),
         ([decision(effect={"points": 1e300})], "is no score"),
-        ([decision(effect={"score": float("inf")})], "is no score"),
+        ([decision(effect={"score": float("inf")})], "inf is not a finite number"),
         ([decision(effect={"points": 1}), decision(effect={"points": 2})], "name is given twice"),
         (
             [

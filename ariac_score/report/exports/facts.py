@@ -9,6 +9,7 @@ from typing import Any
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.openness import between, narrowing_text, which_counts
 from ariac_score.report.text import amount_text
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line, taken_by
@@ -84,18 +85,19 @@ def _headline(result: Result) -> str:
         return f"score {amount_text(result.final)}{possible}{ends_in_words(result)}"
     automatic = "withheld" if result.score is None else amount_text(result.score)
     word = "disqualified: score" if result.adjusted.disqualified else "adjusted score"
-    return f"{word} {amount_text(result.final)} (automatic {automatic}{ends_in_words(result)})"
+    ends_of = ends_in_words(result.automatic)
+    return f"{word} {amount_text(result.final)}{ends_in_words(result)} (automatic {automatic}{ends_of})"
 
 
 def ends_in_words(result: Result) -> str:
-    """Between which ends the automatic score lies, after it; empty where nothing is open."""
-    interval = result.interval
+    """Between which ends the score that counts lies, after it; empty where nothing is open."""
+    interval = interval_that_counts(result)
     return "" if interval is None else f", open {between(interval)} ({which_counts(interval)})"
 
 
 def ends(result: Result) -> Mapping[str, Decimal]:
-    """Both ends of the automatic score by the name that exports give them; nothing where none is open."""
-    interval = result.interval
+    """Both ends of the score that counts by the name that exports give them; nothing where none is open."""
+    interval = interval_that_counts(result)
     return {} if interval is None else {"score_least": interval.least, "score_most": interval.most}
 
 
@@ -110,10 +112,11 @@ def why_unofficial(result: Result) -> list[str]:
 
 
 def narrowing(result: Result) -> list[str]:
-    """What would narrow the interval of the score, a line each."""
-    if result.interval is None:
+    """What would narrow the interval of the score that counts, a line each."""
+    interval = interval_that_counts(result)
+    if interval is None:
         return []
-    return [f"would narrow the score: {narrowing_text(one, cut)}" for one in result.interval.narrowing]
+    return [f"would narrow the score: {narrowing_text(one, cut)}" for one in interval.narrowing]
 
 
 def why_none(result: Result) -> str:

@@ -25,6 +25,7 @@ from ariac_score.report.openness import narrowing_text
 from ariac_score.report.summary import summary_of
 from ariac_score.report.text import amount_text
 from ariac_score.report.words import capital, words_of
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line
 
@@ -86,7 +87,8 @@ def _adjustments(result: Result) -> Iterator[str]:
 
 
 def _narrowing(result: Result) -> Iterator[str]:
-    lines = [] if result.interval is None else [narrowing_text(one, cut) for one in result.interval.narrowing]
+    interval = interval_that_counts(result)
+    lines = [] if interval is None else [narrowing_text(one, cut) for one in interval.narrowing]
     if lines:
         yield "### What would narrow the score"
         yield ""

@@ -59,6 +59,7 @@ def _amount(value: Decimal | None) -> float | None:
 
 
 def _head(result: Result) -> dict[str, Any]:
+    between = ends(result)
     return {
         "team": result.measured.team,
         "trial": result.measured.trial,
@@ -67,8 +68,8 @@ def _head(result: Result) -> dict[str, Any]:
         "score": _amount(result.final),
         "automatic_score": _amount(result.score),
         # Where nothing is open both ends are the score, so that a column can be used without a case.
-        "score_least": _amount(ends(result).get("score_least", result.score)),
-        "score_most": _amount(ends(result).get("score_most", result.score)),
+        "score_least": _amount(between.get("score_least", result.final)),
+        "score_most": _amount(between.get("score_most", result.final)),
         "unofficial": unofficial(result),
         "adjustments": "; ".join(remarks(result)),
     }
@@ -98,9 +99,10 @@ def _rows(result: Result) -> Iterator[dict[str, Any]]:
 
 
 def _records(result: Result) -> Iterator[dict[str, Any]]:
+    head = _head(result)
     yield {
         "record": "result",
-        **_head(result),
+        **head,
         "adjustments": remarks(result),
         "possible": _amount(result.possible),
         "narrowing": narrowing(result),
@@ -121,9 +123,8 @@ def _records(result: Result) -> Iterator[dict[str, Any]]:
                 "reason": line.reason,
                 "findings": list(line.findings),
             }
-    shared = set(_head(result))
     findings = result.measured.findings
     for row in _rows(result):
-        own = {key: value for key, value in row.items() if key not in shared}
+        own = {key: value for key, value in row.items() if key not in head}
         quantities = dict(findings[row["finding"]].quantities)
         yield {"record": "finding", **own, "quantities": quantities}

@@ -30,6 +30,7 @@ from ariac_score.report.openness import is_at_worst, which_counts
 from ariac_score.report.places import Places
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.results.sketch import Sketch
@@ -101,7 +102,7 @@ def trial_page(
         chart_words=_chart_words,
         policies={**POLICIES, **MADE},
         assumed=_assumed(result),
-        open_ends=result.interval,
+        open_ends=interval_that_counts(result),
         which_counts=which_counts,
         only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
         clock=_clock(measured.clock),
