@@ -78,7 +78,8 @@ def _after(
         if not _is_violated(finding) and before[key].verdict is not Verdict.SATISFIED
     }
     unseen = [f.span for key, f in cleared.items() if before[key].verdict is Verdict.INCONCLUSIVE and f.span]
-    cut = _Cut.of([*cleared.values()], unseen, one)
+    violated = [f.span for key, f in decided.items() if _is_confirmed(before[key], f) and f.span]
+    cut = _Cut.of([*cleared.values()], unseen, merged(violated), one)
     worst = {key: left for key, f in one.worst.items() if (left := cut.worst(f)) is not None}
     best = {key: left for key, f in one.best.items() if (left := cut.best(f)) is not None}
     room = {name: _total(name, one.worst) - _total(name, one.best) for name in TIMES}
@@ -94,8 +95,6 @@ def _after(
         # What all gaps have together is not more than the worst world has.
         taken = {name: min(n, max(0.0, room.get(name, n))) for name, n in there.quantities.items()}
         room = {name: left - taken.get(name, 0.0) for name, left in room.items()}
-        if _within(finding, worst) is None:  # a gap within a violation that is cleared
-            _add(there, key, worst, pause_s)
         _add(replace(there, quantities=taken), key, best, pause_s)
     return replace(one, best=best, worst=worst, tight=False)
 
@@ -199,7 +198,7 @@ class _Cut:
     Attributes:
         spans: The stretches, in time order.
         unseen: Those of them that are gaps, each as its finding has it.
-        certain: The violations that every world has, all of each within them.
+        certain: The violations that every world has, with the least that each had within them.
         beside: Where else a violation may have been: in the best world, or in a gap; `None` where not all
             gaps were kept.
     """
@@ -210,15 +209,20 @@ class _Cut:
     beside: Sequence[Span] | None
 
     @classmethod
-    def of(cls, cleared: Sequence[Finding], unseen: Sequence[Span], one: OpenFindings) -> _Cut:
+    def of(
+        cls, cleared: Sequence[Finding], unseen: Sequence[Span], violated: Sequence[Span], one: OpenFindings
+    ) -> _Cut:
+        """The stretches of what is cleared, but for the gaps in them that are called violated."""
         # A finding without a time is about all of it.
-        spans = merged(_ALWAYS if finding.span is None else finding.span for finding in cleared)
-        violated = [finding for finding in one.best.values() if _is_violated(finding)]
-        certain = [f for f in violated if (extent := _extent(f)) is not None and _is_in(extent, spans)]
-        in_best = [Span(start_s, end_s) for f in violated for start_s, end_s, _ in _steps(f)]
+        whole = merged(_ALWAYS if finding.span is None else finding.span for finding in cleared)
+        steps = (each for span in whole for each in _beside((span.start_s, span.end_s, 1.0), violated))
+        spans = [Span(start_s, end_s) for start_s, end_s, _ in steps]
+        in_best = [finding for finding in one.best.values() if _is_violated(finding)]
+        certain = [_less(f, violated) for f in in_best if (own := _extent(f)) and _is_in(own, whole)]
+        known = [Span(start_s, end_s) for f in in_best for start_s, end_s, _ in _steps(f)]
         gaps = [span for cause in one.causes for span in cause.spans]
         are_all = gaps and all(0 < len(cause.spans) < MOST_SPANS for cause in one.causes)
-        return cls(spans, unseen, certain, merged([*in_best, *gaps]) if are_all else None)
+        return cls(spans, unseen, certain, merged([*known, *gaps]) if are_all else None)
 
     def worst(self, finding: Finding) -> Finding | None:
         """The most that a violation of the worst world can have beside the stretches; `None`: nothing."""
@@ -263,16 +267,7 @@ class _Cut:
         left = self._left(finding)
         if left is None or left is finding:
             return left
-        inside = [(step, _overlap_s(step, self.spans)) for step in _steps(finding)]
-        gone = {
-            TIME: sum(seconds for _, seconds in inside),
-            DEPTH: sum(seconds * step[2] for step, seconds in inside),
-        }
-        quantities = {
-            name: value if name == "exposure_s" else max(0.0, value - gone.get(name, inf))
-            for name, value in finding.quantities.items()
-        }
-        return replace(left, quantities=quantities)
+        return replace(left, quantities=_less(finding, self.spans).quantities)
 
     def _left(self, finding: Finding) -> Finding | None:
         """A violation beside the stretches, as one in however many pieces; `None` where none is left."""
@@ -297,6 +292,22 @@ def _steps(finding: Finding) -> list[_Step]:
         return list(finding.profile.steps())
     span = finding.span
     return [(span.start_s, span.end_s, 1.0)] if span is not None and span.duration_s > 0 else []
+
+
+def _less(finding: Finding, spans: Sequence[Span]) -> Finding:
+    """A violation with the least that it had outside of stretches."""
+    inside = [(step, _overlap_s(step, spans)) for step in _steps(finding)]
+    gone = {
+        TIME: sum(seconds for _, seconds in inside),
+        DEPTH: sum(seconds * step[2] for step, seconds in inside),
+    }
+    if not gone[TIME]:
+        return finding
+    quantities = {
+        name: value if name == "exposure_s" else max(0.0, value - gone.get(name, inf))
+        for name, value in finding.quantities.items()
+    }
+    return replace(finding, quantities=quantities)
 
 
 def _profile_of(steps: Sequence[_Step]) -> DepthProfile:

@@ -22,6 +22,8 @@ from ariac_score.results.adjustments import adjust, adjustments_template, load_a
 from ariac_score.results.result_file import check_follows, measured_sha256
 from ariac_score.scoring.ledger import reconcile
 from ariac_score.scoring.policy import ideal
+from ariac_score.scoring.pricing import Priced
+from ariac_score.scoring.steward import Adjustment, adjusted_ledger
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score.testing.stored import rewritten
 from ariac_score_ariac.testing import kitting_trial
@@ -209,6 +211,41 @@ def test_a_score_can_be_set_where_there_was_none(undecided: Result, tmp_path: Pa
     assert adjusted(tmp_path, decision(effect={"score": 12}, **own), result=undecided).final == 12
     with pytest.raises(DataFileError, match="no score to add points to"):
         adjusted(tmp_path, decision(effect={"points": 1}, **own), result=undecided)
+
+
+def test_a_worst_case_that_stewards_confirm_costs_what_it_cost_before(tmp_path: Path) -> None:
+    """Rules that count an unseen contact as a critical one close the gate, and so does the ruling."""
+    rules = tmp_path / "strict.yaml"
+    rules.write_text(
+        "{id: strict, title: Strict, source: test, extends: paper2020.published, log_map: ariac2020, "
+        "score: gate(human_contact) * task, monitors: {human_contact: {on_inconclusive: worst_case}}}",
+        encoding="utf-8",
+    )
+    unseen = [name for name in SNAPSHOT_SIGNALS if "human" not in name]
+    log = write_trial_log(tmp_path / "kitting_near_miss.jsonl", kitting_trial(), signals=unseen)
+    result = score_trial(log, rules)
+    ruled = decision(
+        effect={"verdict": "violated"}, finding="human_contact#1", measured=measured_sha256(result)
+    )
+
+    assert result.score == adjusted(tmp_path, ruled, result=result).final == 0
+
+
+def test_a_verdict_that_leaves_no_score_where_there_was_one_is_refused_with_its_cause() -> None:
+    missing = "nothing bounds seconds(separation): a gap of 3 s"
+    ruling = Adjustment(
+        id="d1", author="a", reason="r", time="", measured="0" * 64, trial="kit",
+        finding="separation#1", verdict="violated",
+    )  # fmt: skip
+
+    def price(_: object) -> Priced:
+        return Priced("incomplete", None, None, None, (), missing)
+
+    with pytest.raises(DataFileError) as refused:
+        adjusted_ledger(Decimal(5), near_miss().measured.findings, [ruling], price, digits=6, sha256="0" * 64)
+
+    assert f"with separation#1 violated there is no score: {missing}" in str(refused.value)
+    assert refused.value.hint == "decide on points of the trial instead, or set the score"
 
 
 VIOLATED = sorted(k for k, f in near_miss().measured.findings.items() if f.verdict.value == "violated")

@@ -162,6 +162,19 @@ def test_what_nothing_bounds_has_no_score_and_says_why() -> None:
     assert ends(bounded) == (Decimal(0), Decimal(10))
 
 
+def test_what_stewards_call_violated_is_one_violation_at_best_and_all_that_it_was_at_worst() -> None:
+    # In 10 s with pauses of 2 s between them there may have been 5, as long as 10 s together.
+    key, undecided = next(iter(found(drop="i").items()))
+    stretch = replace(undecided, span=Span(0.0, 10.0))
+    ruled = {key: replace(stretch, verdict=Verdict.VIOLATED)}
+    before = LeftOpen(monitors=frozenset({"drop"}), pauses_s={"drop": 2.0})
+    after = replace(before, ruled=frozenset({key}))
+
+    for score, least, at_best in (("10 - count(drop)", 5, 9), ("10 - seconds(drop)", 0, 10)):
+        assert ends(priced(score, {key: stretch}, left_open=before)) == (least, 10)
+        assert ends(priced(score, ruled, left_open=after)) == (least, at_best)
+
+
 def test_declared_quantities_bound_what_is_undecided() -> None:
     measures = {"worth": {"value": Measure("points", "points", best=5.0, worst=-1.0)}}
     one = priced("measure(worth, value)", found(worth="i"), measures=measures)
