@@ -52,9 +52,14 @@ def missing_topics(check: str, prepared: Prepared, recorded: Set[str]) -> Iterat
     if not recorded:
         return
     if not needs:
-        topics = tuple(topic for topic in work_topics(prepared.log_map) if topic not in recorded)
+        topics = [topic for topic in work_topics(prepared.log_map) if topic not in recorded]
+        printed = [topic for topic in _witnessing("console", prepared.log_map) if topic not in recorded]
+        told = [topic for topic in _witnessing("submissions", prepared.log_map) if topic in topics]
+        if told and printed:  # simulators print what was handed in
+            topics = [topic for topic in topics if topic not in told]
+            yield MissingTopics((*printed, *told), False, (check,))
         if topics:
-            yield MissingTopics(topics, True, (check,))
+            yield MissingTopics(tuple(topics), True, (check,))
         return
     for need in needs:
         wanted = source_quantities([need.quantity], prepared.brought)
@@ -75,6 +80,10 @@ def work_topics(log_map: LogMap) -> tuple[str, ...]:
     return tuple(
         dict.fromkeys(c.topic for c in log_map.channels if (c.decoder or c.event) and not c.optional)
     )
+
+
+def _witnessing(what: str, log_map: LogMap) -> list[str]:
+    return [channel.topic for channel in log_map.channels if what in channel.witnesses]
 
 
 def _kinds(need: SignalNeed) -> tuple[str, ...]:

@@ -63,6 +63,15 @@ def test_a_topic_that_several_checks_lack_is_named_once_and_before_any_cause(tmp
     assert len(topics) == len(set(topics))
 
 
+def test_where_submissions_are_missing_the_console_that_prints_them_would_do(tmp_path: Path) -> None:
+    """No stock simulator publishes /ariac_score/submissions; it prints what was handed in."""
+    messages = [m for m in recorded_messages(kitting_trial()) if m.topic != "/ariac_score/submissions"]
+
+    (missing,) = ready(write_bag(tmp_path / "trial.mcap", messages, storage="mcap")).missing
+
+    assert missing.words == "one of /rosout, /ariac_score/submissions"
+
+
 def test_of_alternatives_the_fewest_that_help_all_are_named() -> None:
     need = [
         MissingTopics(("/odom", "/tf"), False, ("speed",)),
