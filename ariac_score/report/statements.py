@@ -11,7 +11,7 @@ from ariac_score.review.left_out import scores_with_an_event
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.trial.statements import NOBODY, Statement
 
-__all__ = ["is_unattested", "left_out", "rests_on", "unattested"]
+__all__ = ["changes_nothing", "is_unattested", "left_out", "rests_on", "unattested"]
 
 _ORDER = ("work", "window", "set-up", "completeness")
 _OPEN = {"window": "window undecided", "completeness": "completeness not attested"}
@@ -39,6 +39,11 @@ def left_out(result: Result) -> tuple[str, ...]:
     if unrated and _is_open(result) and _rules(result.rules).between_samples == "held":
         said.append(f"nobody states the rate of {unrated}: samples left out evenly would show nowhere")
     return tuple(said)
+
+
+def changes_nothing(policy: str, result: Result) -> bool:
+    """Whether an undecided finding makes no difference: the best and the worst world have the same score."""
+    return policy in ("worst", "best") and result.score is not None and result.interval is None
 
 
 def is_unattested(result: Result) -> bool:

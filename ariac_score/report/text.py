@@ -22,7 +22,7 @@ from ariac_score.report.openness import (
     which_counts,
 )
 from ariac_score.report.places import Places
-from ariac_score.report.statements import left_out, rests_on
+from ariac_score.report.statements import changes_nothing, left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
 from ariac_score.results.adjustments import interval_that_counts
@@ -334,7 +334,8 @@ def _undecided(result: Result, style: Style) -> Iterator[str]:
     since_s: dict[str, float] = {}
     for key, finding in result.measured.findings.items():
         if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE):
-            policy = _POLICY_WORDS.get(policies.get(key, ""), "")
+            made = policies.get(key, "")
+            policy = "makes no difference" if changes_nothing(made, result) else _POLICY_WORDS.get(made, "")
             reasons.setdefault((finding.verdict.value, policy, finding.message), []).append(finding.check)
             since_s.setdefault(finding.message, finding.span.start_s if finding.span else 0.0)
     if not reasons:

@@ -28,6 +28,7 @@ from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
 from ariac_score.report.openness import is_at_worst, which_counts
 from ariac_score.report.places import Places
+from ariac_score.report.statements import changes_nothing
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
 from ariac_score.results.adjustments import interval_that_counts
@@ -100,8 +101,9 @@ def trial_page(
         ledger=ledger,
         falls=falls,
         chart_words=_chart_words,
-        policies={**POLICIES, **MADE},
+        policies=POLICIES,
         assumed=_assumed(result),
+        no_difference=all(changes_nothing(one.policy, result) for one in result.assumptions),
         open_ends=interval_that_counts(result),
         which_counts=which_counts,
         only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
@@ -225,11 +227,15 @@ def _decisions(result: Result) -> list[tuple[Adjustment, Decimal | None]]:
     return list(zip(decided, moved or [None] * len(decided), strict=True))
 
 
+_NO_DIFFERENCE = "makes no difference"
+
+
 def _assumed(result: Result) -> list[tuple[str, str, list[str]]]:
-    """What was assumed of undecided findings: the policy, the reason, and whom both concern."""
+    """What was made of undecided findings, the reason, and whom both concern."""
     alike: dict[tuple[str, str], list[str]] = {}
     for one in result.assumptions:
-        alike.setdefault((one.policy, one.message), []).append(one.finding)
+        policy = _NO_DIFFERENCE if changes_nothing(one.policy, result) else {**POLICIES, **MADE}[one.policy]
+        alike.setdefault((policy, one.message), []).append(one.finding)
     return [(policy, message, found) for (policy, message), found in alike.items()]
 
 
