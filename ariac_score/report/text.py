@@ -74,7 +74,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
         yield _adjusted_headline(result.adjusted, style)
         left = interval_that_counts(result)
         if left is not None:
-            yield style(f"the adjusted score lies {between(left)}; {which_counts(left)}", "yellow")
+            loosely = "" if left.tight else "somewhere "
+            yield style(f"the adjusted score lies {loosely}{between(left)}; {which_counts(left)}", "yellow")
     if result.score is not None:
         looks = ("bold", "green" if result.score > 0 else "yellow")
         possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""

@@ -291,6 +291,21 @@ def test_gaps_that_stewards_call_violated_cost_what_their_worst_was_and_close_no
     assert left.most < 4
 
 
+def test_a_violation_that_is_cleared_around_a_gap_that_is_not_becomes_no_two(tmp_path: Path) -> None:
+    result = scored("walk_jitter", "paper2020.published", tmp_path, "score: task / (1 + count(separation))\n")
+    (seen,) = of_separation(result, Verdict.VIOLATED)
+    around = result.measured.findings[seen].span
+    gaps = {key: result.measured.findings[key].span for key in of_separation(result, Verdict.INCONCLUSIVE)}
+    within = next(key for key, span in gaps.items() if span and around and span.overlaps(around))
+
+    against, _ = ruled(result, {within: "violated"}, tmp_path)
+    both, left = ruled(result, {within: "violated", seen: "satisfied"}, tmp_path)
+
+    assert both >= against
+    assert left is not None
+    assert left.most == 2  # 4 points of the task, and one violation that was ruled
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("counts", ["worst", "best"])
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ def test_a_headline_gives_each_score_its_own_ends(name: str, left_open: Result) 
 def test_texts_and_pages_show_the_ends_of_the_adjusted_score(left_open: Result) -> None:
     found = decided(left_open, DECIDED["points"][0])
 
-    assert "the adjusted score lies between 3 and 31" in score_text(found)
+    assert "the adjusted score lies somewhere between 3 and 31" in score_text(found)
     assert "3 to 31</a>" in trial_page(found, stored=as_json(found))
 
 
