@@ -84,7 +84,10 @@ def _after(
     best = {key: left for key, f in one.best.items() if (left := cut.best(f)) is not None}
     room = {name: _total(name, one.worst) - _total(name, one.best) for name in TIMES}
     pause_s = known.pauses_s.get(one.check, 0.0)
-    for key, finding in sorted(decided.items(), key=lambda item: item[1].span or _ALWAYS):
+    # What is satisfied first: whether a world says so may not hang on what else is not applicable.
+    for key, finding in sorted(
+        decided.items(), key=lambda item: (item[1].verdict is not Verdict.SATISFIED, item[1].span or _ALWAYS)
+    ):
         there = _within(finding, one.worst) if _is_confirmed(before[key], finding) else None
         if there is None:
             for world in (best, worst):

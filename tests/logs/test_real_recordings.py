@@ -306,6 +306,18 @@ def test_a_violation_that_is_cleared_around_a_gap_that_is_not_becomes_no_two(tmp
     assert left.most == 2  # 4 points of the task, and one violation that was ruled
 
 
+def test_what_is_not_applicable_takes_no_points_of_what_is_satisfied(tmp_path: Path) -> None:
+    result = scored("walk_jitter", "paper2020.published", tmp_path, "score: points(separation)\nopen: best\n")
+    first, *_, last = of_separation(result, Verdict.INCONCLUSIVE)
+    (seen,) = of_separation(result, Verdict.VIOLATED)
+    cleared = {seen: "not_applicable", last: "satisfied"}
+
+    alone, _ = ruled(result, cleared, tmp_path)
+    with_another, _ = ruled(result, {**cleared, first: "not_applicable"}, tmp_path)
+
+    assert with_another == alone == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("counts", ["worst", "best"])
 @pytest.mark.parametrize(
