@@ -16,8 +16,10 @@ from typing import Any
 import pytest
 import yaml
 
-from ariac_score import ContradictionError, LogError, Pose, Result, Verdict, score_trial
+from ariac_score import ContradictionError, LogError, Pose, Result, Verdict, as_json, score_trial
 from ariac_score.cli import main
+from ariac_score.report.html.trial import trial_page
+from ariac_score.report.text import score_text
 from ariac_score.testing.bags import Recorded
 
 from .stock_bags import (
@@ -886,6 +888,20 @@ def test_without_a_printed_verdict_the_safe_rules_score_what_was_recorded(
     result = score_trial(stock_bag(tmp_path / "quiet", "2023", messages, monkeypatch), rules="ariac2023.safe")
     of = {f.check: f.verdict for f in result.measured.findings.values()}
     assert (of["printed"], of["submitted"]) == (Verdict.NOT_APPLICABLE, Verdict.INCONCLUSIVE)
+
+
+def test_what_the_printed_verdict_decides_is_not_said_to_count_at_its_worst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What lay in the quadrants is not in the log, and the verdict that counts is."""
+    messages = recorded_2023(nearest_m=FREE_M, challenges=[])
+    result = score_trial(stock_bag(tmp_path / "told", "2023", messages, monkeypatch), rules="ariac2023.safe")
+
+    text, page = score_text(result), trial_page(result, as_json(result))
+
+    assert "undecided → makes no difference: it was submitted, but the log does not show" in text
+    assert "make no difference to the score" in page
+    assert "counted at its worst" not in text + page
 
 
 # 2025: numbers that fall
