@@ -17,7 +17,6 @@ from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.installed.captured_output import fault_of, quiet
 from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.results.result import Measured, Setting, Settings
-from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["plain_value", "settings_of"]
 
@@ -29,7 +28,7 @@ def settings_of(prepared: Prepared, measured: Measured | None = None) -> dict[st
 
     Args:
         prepared: The rule set, with its checks.
-        measured: What they found; then with the bounds of bodies, where these count.
+        measured: What they found; then with the bounds of bodies.
 
     Raises:
         PluginError: A plugin failed to resolve its parameters.
@@ -47,9 +46,9 @@ def settings_of(prepared: Prepared, measured: Measured | None = None) -> dict[st
 
 
 def _bounds(prepared: Prepared, each: PreparedCheck, measured: Measured | None) -> Iterator[Setting]:
-    """How fast bodies can move, for a check of whom the log leaves something to be filled with it."""
+    """How fast bodies can move, for a check whose gaps are filled with it."""
     worse = getattr(each.check, "worse", {}) if isinstance(each.check, SubjectMonitor) else {}
-    if measured is None or not worse or not _has_gaps(prepared, each, measured):
+    if measured is None or not worse:
         return
     between, kinds = prepared.between, each.check.subjects.kinds
     for kind in sorted(kinds & between.bounds.keys()):
@@ -66,16 +65,6 @@ def _bounds(prepared: Prepared, each: PreparedCheck, measured: Measured | None) 
             yield Setting(f"bounds.{name}", canonical(number), unit, origin)
     if between.every:
         yield Setting("between_samples", "bounded", "", "rule_set")
-
-
-def _has_gaps(prepared: Prepared, each: PreparedCheck, measured: Measured) -> bool:
-    """Whether a check had something to fill."""
-    if prepared.between.every or any(one.check == each.name for one in measured.open):
-        return True
-    longest_s = {need.quantity: need.max_gap_s for need in each.needs if not need.optional}
-    return any(
-        one.largest_gap_s > longest_s.get(quantity_of(one.signal), math.inf) for one in measured.coverage
-    )
 
 
 def _part_of(plugin: Plugin, name: str, check: Any) -> str:

@@ -86,7 +86,9 @@ def bounds_text(result: Result) -> str:
 
     Our defaults are far from what a competition knows of its own robot, so how to state that is said as well.
     """
-    stated = (one for of in (result.measured.settings or {}).values() for one in of.parameters)
+    filled = {one.check for one in result.measured.open}
+    settings = (result.measured.settings or {}).items()
+    stated = (one for check, of in settings if check in filled for one in of.parameters)
     found = {one.name.split(".")[1]: one for one in stated if _MAX_SPEED.fullmatch(one.name)}
     if not found:
         return ""

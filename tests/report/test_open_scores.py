@@ -18,6 +18,7 @@ import pytest
 
 from ariac_score import Result, as_json
 from ariac_score.checks.findings import Verdict
+from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.report.exports import exported
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.openness import undecided_text
@@ -142,10 +143,12 @@ def test_how_fast_bodies_are_taken_to_be_stands_below_what_would_narrow_a_score(
     of_human = Setting("bounds.human.max_speed_m_s", 1.6, "m/s", "rule_set", source="walks")
     hand = Setting("bounds.human.max_acceleration_m_s2", 3.0, "m/s2", "rule_set", source="walks")
     settings = {"separation": Settings("ISO", (of_human, hand)), "contact": Settings("ISO", (of_robot,))}
-    result = opened(replace(closed, measured=replace(closed.measured, settings=settings)))
+    filled = (OpenFindings("separation", "robot/human"), OpenFindings("contact", "robot/human"))
+    measured = replace(closed.measured, settings=settings, open=filled)
 
-    assert f"\n  between samples: {said}\n" in score_text(result)
-    assert "between samples" not in score_text(opened(closed))
+    assert f"\n  between samples: {said}\n" in score_text(opened(replace(closed, measured=measured)))
+    nothing_filled = replace(closed, measured=replace(measured, open=()))
+    assert "between samples" not in score_text(opened(nothing_filled))
 
 
 def test_every_export_has_both_ends_beside_the_one_that_counts(closed: Result) -> None:
