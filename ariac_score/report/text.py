@@ -304,6 +304,9 @@ def _narrowing(result: Result, style: Style) -> Iterator[str]:
         # Without a score nobody can say what each is worth, but what lacks is known.
         lacking = [*by_source([one.causes for one in result.measured.open])] if result.score is None else []
         if lacking:
+            filled = {one.check for one in result.measured.open}
+            others = (a.message for a in result.assumptions if a.check not in filled)
+            lacking += dict.fromkeys(others)
             yield style("What would narrow it", "bold")
             yield from (f"  {plain(one)}" for one in lacking[:_SHOWN])
             yield from _more(len(lacking) - _SHOWN, style)

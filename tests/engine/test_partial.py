@@ -20,6 +20,7 @@ from backports import zstd
 
 from ariac_score import LogError, Result, Trial, Verdict, load_result, score_trial
 from ariac_score.errors import CutOffError
+from ariac_score.report.text import score_text
 from ariac_score.results.result_file import as_json
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag, write_event_log, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
@@ -355,6 +356,20 @@ def test_a_real_recording_that_was_cut_off_contains_what_the_whole_one_has(tmp_p
     assert honest is not None
     assert contains(ends(cut), honest)
     assert cut.status == "scored"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the real recordings are not at {REAL}")
+def test_without_a_score_all_that_lacks_is_listed() -> None:
+    """Nobody says what was asked for, so there is none; gaps, cut and submissions lack all the same."""
+    text = score_text(score_trial(REAL / "walk_killed.bag", "paper2020", partial=True))
+
+    _, _, said = text.partition("What would narrow it\n")
+    lines = said.partition("\n\n")[0].splitlines()
+    assert text.startswith("no score — withheld")
+    for lack in ("gaps of 15 to 97 ms on /snapshot", "the log is cut off at", "does not show submissions"):
+        assert any(lack in line for line in lines), lack
+    assert len(lines) == len(set(lines))
 
 
 @pytest.mark.slow
