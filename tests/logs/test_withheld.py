@@ -405,6 +405,19 @@ def test_positions_in_two_frames_are_never_subtracted(tmp_path: Path, frame: str
         }
 
 
+def test_a_misspelt_root_frame_is_answered_with_the_frames_that_there_are(tmp_path: Path) -> None:
+    robot = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
+    log_map = LogMap(
+        "t", (PLACE, FRAMES), BODIES, root_frame="wrld", frames=(BodyMatch("cart", "robot", "robot"),)
+    )
+    write_bag(tmp_path / "t.bag", sorted([*robot, *places()], key=lambda m: m.t_ns), storage="ros1")
+
+    with pytest.raises(LogError, match="'root_frame: wrld' of the log map is no recorded frame") as refused:
+        RosbagReader().read(tmp_path / "t.bag", Wanted(log_map, frozenset({"position"})))
+    assert refused.value.file == str(tmp_path / "t.bag")
+    assert refused.value.hint == "did you mean 'world'? recorded frames: cart, world"
+
+
 def in_frame(frame: str, messages: Iterator[Recorded]) -> list[Recorded]:
     return [
         replace(m, fields={**m.fields, "header": {**m.fields["header"], "frame_id": frame}}) for m in messages

@@ -38,7 +38,7 @@ from ariac_score.logs.gather.message_fields import NUMBER, nearest, number_paths
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.numbering import Numbering, TopicNumbering, Unknown, note_contested
-from ariac_score.logs.gather.position_frames import PositionFrames
+from ariac_score.logs.gather.position_frames import PositionFrames, refuse_unknown_root
 from ariac_score.logs.gather.repeats import changed
 from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import Placed, TransformTree, times_s
@@ -403,6 +403,8 @@ class Collector:
         if not self._position_frames().several:
             return
         root = self._wanted.log_map.root_frame.lstrip("/")
+        if self._tree.places_any(self._wanted.log_map.frames):
+            refuse_unknown_root(root, self._tree.names(), file=self._file)
         for intake in self._intakes:
             others = {frame.lstrip("/") for frame in intake.frame_ids} - {""}
             if len(others) == 1 and root not in others and self._tree.leads_to_root(*others):

@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from ariac_score.errors import LogError
+from ariac_score.logs.gather.message_fields import nearest
 
-__all__ = ["PositionFrames"]
+__all__ = ["PositionFrames", "refuse_unknown_root"]
+
+
+def refuse_unknown_root(root: str, frames: Collection[str], *, file: Path) -> None:
+    """Refuse a root frame that no transform names, as none then leads to it.
+
+    Args:
+        root: The frame of the log map.
+        frames: Those of the recorded transforms.
+        file: The recording, for the error message.
+
+    Raises:
+        LogError: With the frames that there are.
+    """
+    if root not in frames:
+        raise LogError(
+            f"'root_frame: {root}' of the log map is no recorded frame, so no transform leads to it",
+            file=file,
+            hint=nearest(root, sorted(frames), what="recorded frames"),
+        )
 
 
 class PositionFrames:

@@ -367,12 +367,12 @@ class TransformTree:
             found = list(self._matched(match))
             if not found:
                 self.unmatched.append(match)
-                there = nearest(match.match, sorted(self._names()), what="recorded frames")
+                there = nearest(match.match, sorted(self.names()), what="recorded frames")
                 builder.unrecorded.append(f"frame {match.match}: no recorded frame matches; {there}")
             for frame, body in found:
                 self._settle_frame(builder, origin_ns, frame, body, match.rate_hz)
 
-    def _names(self) -> set[str]:
+    def names(self) -> set[str]:
         """All frames, those at the roots as well."""
         return set(self._edges).union(*self._edges.values())
 
