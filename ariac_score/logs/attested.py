@@ -178,6 +178,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     _refuse_other_counts(listed, stated)
     late_ns = _late_ns(beats)
     _refuse_moved_heartbeats(beats, late_ns)
+    _refuse_other_pace(beats)
     matched = _matched(found, spans, origin_ns, late_ns)
     began_ns = beats[0][0] if beats else 0
     early = {topic: [m for m in one.early() if m.t_ns >= began_ns] for topic, one in matched.items()}
@@ -340,6 +341,17 @@ def _refuse_moved_heartbeats(beats: list[tuple[int, Mapping[str, Any]]], late_ns
     spread, _ = _by_its_clock(beats)
     if spread > late_ns:
         raise _UnfitError(f"its heartbeats were moved, by up to {spread / 1e9:.1f} s")
+
+
+def _refuse_other_pace(beats: list[tuple[int, Mapping[str, Any]]]) -> None:
+    """Refuse a log by the wall clock of a simulation at another pace, which only `/clock` would show."""
+    late = [stamp_ns - sent for stamp_ns, beat in beats if isinstance(sent := beat.get("ros_ns"), int)]
+    apart_ns = max(late, default=0) - min(late, default=0)
+    if apart_ns > LATE_NS:
+        raise _UnfitError(
+            f"its times are not those of the simulation, from which they go {apart_ns / 1e9:.1f} s apart "
+            "between its heartbeats"
+        )
 
 
 def _lost(stated: Mapping[str, Any]) -> dict[str, int]:

@@ -63,6 +63,7 @@ def attested(
     notes: Sequence[str] = (),
     listened_s: tuple[int, int] = (0, 10),
     each_s: float = 1.0,
+    pace: float | None = None,
     **named: str,
 ) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
@@ -78,7 +79,8 @@ def attested(
             topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
             counted[topic] += len(came)
         sent = begins_ns + each_ns - 1
-        body = _json({"recording": RECORDING, "sequence": number, "ros_ns": sent, "topics": topics})
+        clocks = {"ros_ns": sent} if pace is None else {"ros_ns": round(pace * sent), "wall_ns": sent}
+        body = _json({"recording": RECORDING, "sequence": number, **clocks, "topics": topics})
         chain = _sha256(chain + body)
         beat = {"recording": RECORDING, "sequence": number, "body": body, "chain": chain}
         out.append(recorder("heartbeat", "Heartbeat", sent, beat))
@@ -159,6 +161,22 @@ def test_an_event_that_is_left_out_is_known_to_be_missing(tmp_path: Path, signin
     with pytest.raises(LogError) as refused:
         scored(tmp_path, attacked, attesting(signing))
     assert "1 message on /ariac_score/events from 5.000 s to 6.000 s" in refused.value.cause
+
+
+@pytest.mark.parametrize(("pace", "is_attested"), [(1.0, True), (2.0, False), (0.5, False)])
+def test_a_log_by_the_wall_clock_of_a_simulation_at_another_pace_is_not_attested(
+    tmp_path: Path, signing: Signing, pace: float, is_attested: bool
+) -> None:
+    """Who leaves out `/clock`, which no recorder attests, makes 27 s of 54 s in a simulation."""
+    log = attested(events(), signing[1], pace=pace)
+
+    if is_attested:
+        assert completeness(scored(tmp_path, log, attesting(signing))) == "recorder: "
+    else:
+        with pytest.raises(LogError, match="its times are not those of the simulation") as refused:
+            scored(tmp_path, log, attesting(signing))
+        assert refused.value.hint
+        assert completeness(scored(tmp_path, log)).startswith("nobody: ")
 
 
 # What a team could leave out --------------------------------------------------------------
