@@ -35,7 +35,6 @@ _GHOST_NS = 3_000_000
 _FAR = 50.0
 """So many times the way to where all was well."""
 
-_BESIDE_S = 0.1
 _PLAYED = 80
 """So many samples are played again at least: a few may well be what they were before, and of less than 75 not
 every stretch is told."""
@@ -95,12 +94,8 @@ def _jump(honest: Honest, span: Span, clear_s: float) -> Attempt:
 
 
 def replayed(honest: Honest, _: int) -> Iterator[Attempt]:
-    """Over a violation is played what came before or after it: no longer, or too long for chance."""
+    """Over a violation is played what came before or after it, so long that it is told from chance."""
     for span, _worst in honest.violations:
-        short = Span(span.start_s - _BESIDE_S, span.end_s + _BESIDE_S)
-        lag_s = short.duration_s + 2 * _BESIDE_S
-        for each_s in (lag_s, -lag_s) if honest.motion else ():
-            yield _replay(honest, short, each_s)
         sampled_s = max((one.step_s for one in honest.moving.series.values()), default=0.0)
         half_s = max(0.5, (_PLAYED * sampled_s - span.duration_s) / 2)
         stretch = Span(span.start_s - half_s, span.end_s + half_s)
