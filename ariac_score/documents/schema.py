@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +13,6 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import SchemaError
-from jsonschema.validators import extend
 
 from ariac_score.documents.json_pairs import without_repeats
 from ariac_score.documents.yaml import Place, YamlDocument
@@ -28,16 +27,6 @@ __all__ = [
     "validate",
     "value_errors",
 ]
-
-
-def _is_number(_: Any, value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-# NaN is below no minimum and above no maximum, so a number is one only where it is finite.
-_VALIDATOR: type[Draft202012Validator] = extend(  # type: ignore[no-untyped-call]
-    Draft202012Validator, type_checker=Draft202012Validator.TYPE_CHECKER.redefine("number", _is_number)
-)
 
 
 def strict_json(text: str, *, parse_float: Callable[[str], Any] = float) -> Any:
@@ -83,7 +72,7 @@ def _validator(name: str, definition: str) -> Draft202012Validator:
     whole = schema(name)
     # A definition may refer to others, so the part needs all of them.
     part = {"$ref": f"#/$defs/{definition}", "$defs": whole["$defs"]} if definition else whole
-    return _VALIDATOR(part)
+    return Draft202012Validator(part)
 
 
 def schema_errors(data: Any, name: str, definition: str = "") -> list[tuple[Place, str, str]]:
@@ -104,7 +93,7 @@ def value_errors(data: Any, own: Mapping[str, Any]) -> list[tuple[Place, str, st
     >>> value_errors({"kind": 3}, {"properties": {"kind": {"type": "string"}}})
     [(('kind',), "3 is not of type 'string'", 'give a string')]
     """
-    return _faults(_VALIDATOR(own), data)
+    return _faults(Draft202012Validator(own), data)
 
 
 def refuse_no_schema(own: Mapping[str, Any]) -> None:
@@ -138,8 +127,10 @@ def _deepest(fault: Any) -> Any:
 def _known_key(name: str, known: Sequence[str], is_known: Callable[[str], bool]) -> str:
     """A remedy for a key that is none: where any name is one, that of the right letters."""
     spelt = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    if not known and is_known(spelt):
+        return f"did you mean {spelt!r}?"
     if not known:
-        return f"did you mean {spelt!r}?" if spelt and is_known(spelt) else "give it a name"
+        return "give it a name of small letters, digits and underscores that begins with a letter"
     return did_you_mean(name, known, what="known keys")
 
 
@@ -163,8 +154,6 @@ def _description(fault: Any) -> tuple[Place, str, str]:
             f"{fault.instance!r} is not allowed here",
             did_you_mean(str(fault.instance), [str(v) for v in fault.validator_value], what="allowed"),
         )
-    if fault.validator == "type" and isinstance(fault.instance, float) and not math.isfinite(fault.instance):
-        return path, f"{fault.instance!r} is not a finite number", _of_type(fault)
     if fault.validator == "type":
         return (
             path,
@@ -209,11 +198,26 @@ def validate(
     if document.data is None:  # no text, or only comments
         required = ", ".join(f"{key!r}" for key in schema(name).get("required", ()))
         raise error("the file is empty", file=document.file, hint=f"write its keys: {required}")
-    faults = schema_errors(document.data, name, definition)
+    faults = [*_beyond_json(document.data, ())] or schema_errors(document.data, name, definition)
     if faults:
         path, cause, hint = faults[0]
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise error(cause + more, file=document.file, place=document.place(path), hint=hint)
+
+
+def _beyond_json(value: Any, path: Place) -> Iterator[tuple[Place, str, str]]:
+    """What YAML can say and JSON cannot, of which a schema therefore knows nothing."""
+    if isinstance(value, float) and not math.isfinite(value):  # NaN passes every `minimum`
+        yield path, f"{value} is not a finite number", "give a number, such as 0.5, or leave the key out"
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            yield from _beyond_json(inner, (*path, place))
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            if not isinstance(key, str):
+                comma = "; or write 0.03 where 0,03 is meant" if inner is None else ""
+                yield (*path, str(key)), f"key {key!r} is not text", f"quote it: {str(key)!r}{comma}"
+            yield from _beyond_json(inner, (*path, str(key)))
 
 
 def shipped_data(name: str) -> Path:

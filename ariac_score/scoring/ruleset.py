@@ -10,7 +10,6 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -638,16 +637,7 @@ def _parameters(document: YamlDocument) -> dict[str, NamedParameter]:
                     place=document.place(["parameters", *path]),
                     hint="null takes away a parameter of the rule set that this one extends",
                 )
-    named = named_parameters(stated)
-    for name, one in named.items():
-        if not isfinite(one.value):
-            raise RuleSetError(
-                f"parameter {name!r} is {one.value}, which is no finite number",
-                file=document.file,
-                place=document.place(["parameters", *name.split(".")]),
-                hint="give a number",
-            )
-    return named
+    return named_parameters(stated)
 
 
 def _refuse_shadowing(

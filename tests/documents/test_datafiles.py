@@ -382,6 +382,56 @@ def test_validation_names_file_line_and_path_and_counts_the_rest() -> None:
     assert "(and 2 more)" in refused.value.cause
 
 
+@pytest.mark.parametrize(
+    ("written", "place", "cause"),
+    [
+        ("bounds: {time_error_s: .nan}", "line 6, $.bounds.time_error_s", "nan is not a finite number"),
+        (
+            "bounds: {distance_error_m: .nan}",
+            "line 6, $.bounds.distance_error_m",
+            "nan is not a finite number",
+        ),
+        (
+            "bounds: {robot: {max_speed_m_s: .nan, source: x}}",
+            "line 6, $.bounds.robot.max_speed_m_s",
+            "nan is not a finite number",
+        ),
+        (
+            "bounds: {human: {max_speed_m_s: 1, max_acceleration_m_s2: .inf, source: x}}",
+            "line 6, $.bounds.human.max_acceleration_m_s2",
+            "inf is not a finite number",
+        ),
+        ("parameters: {w: -.inf}", "line 6, $.parameters.w", "-inf is not a finite number"),
+        ("ranges: {w: [.nan, 1]}", "line 6, $.ranges.w[0]", "nan is not a finite number"),
+        ("bounds: {3: {max_speed_m_s: 1, source: x}}", "line 6, $.bounds.3", "key 3 is not text"),
+    ],
+)
+def test_what_no_schema_can_judge_is_refused_by_its_place(written: str, place: str, cause: str) -> None:
+    document = parsed(f"id: x\ntitle: t\nsource: s\nlog_map: m\nscore: 1\n{written}\n")
+
+    with pytest.raises(RuleSetError) as refused:
+        validate(document, "ruleset", error=RuleSetError)
+    assert (refused.value.file, refused.value.place, refused.value.cause) == ("x.yaml", place, cause)
+    assert refused.value.hint
+
+
+@pytest.mark.parametrize("rate", [".nan", ".inf"])
+def test_a_log_map_with_a_rate_that_is_no_number_is_refused(rate: str) -> None:
+    document = parsed(f"id: x\nchannels:\n- topic: /a\n  rate_hz: {rate}\n")
+
+    with pytest.raises(RuleSetError) as refused:
+        validate(document, "log_map", error=RuleSetError)
+    assert refused.value.place == "line 4, $.channels[0].rate_hz"
+    assert refused.value.cause == f"{rate[1:]} is not a finite number"
+
+
+def test_a_name_without_letters_is_told_what_a_name_is() -> None:
+    ((path, cause, hint),) = schema_errors({**MINIMAL, "bounds": {"": {}}}, "ruleset")
+
+    assert (path, cause) == (("bounds", ""), "unknown key ''")
+    assert hint == "give it a name of small letters, digits and underscores that begins with a letter"
+
+
 def objects(node: Any, where: str = "$") -> Iterator[tuple[str, dict[str, Any]]]:
     """Every sub-schema that lists properties."""
     if isinstance(node, dict):
@@ -460,8 +510,9 @@ def test_a_decimal_comma_is_refused_by_its_place(tmp_path: Path) -> None:
         "id: mine\ntitle: t\nsource: s\nextends: paper2020.published\n"
         "rules: {pose: {use: kitting.pose, with: {max_distance_m: 0,03}}}\n"
     )
-    with pytest.raises(RuleSetError, match=r"line 5.*has no parameter 3"):
+    with pytest.raises(RuleSetError, match=r"line 5.*key 3 is not text") as refused:
         load_rule_set(str(file)).build(Registry())
+    assert refused.value.hint == "quote it: '3'; or write 0.03 where 0,03 is meant"
 
 
 @pytest.mark.parametrize("text", ["", "# only a comment\n", "~\n"])

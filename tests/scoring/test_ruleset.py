@@ -195,8 +195,8 @@ def test_digits_default_to_6(written: Path) -> None:
             "delta_m: 2.6",
             "delta_m: .nan",
             "line 16, $.monitors.separation.with.delta_m",
-            "parameter 'delta_m' of iso_ts_15066.ssm_separation: nan is not finite",
-            "its default is",
+            "nan is not a finite number",
+            "give a number",
         ),
         (
             "delta_m: 2.6",
@@ -378,9 +378,7 @@ def test_a_parameter_that_is_no_finite_number_is_refused_with_its_line(
     written: Path, written_as: str, said: str
 ) -> None:
     # JSON Schema counts NaN as a number; a score must not.
-    with pytest.raises(
-        RuleSetError, match=f"parameter 'weight' is {said}, which is no finite number"
-    ) as error:
+    with pytest.raises(RuleSetError, match=f": {said} is not a finite number") as error:
         load_rule_set(mistaken(written, "weight: 0.4", f"weight: {written_as}"))
 
     assert error.value.place == "line 6, $.parameters.weight"
