@@ -8,7 +8,7 @@ import numpy as np
 
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import FloatArray, Span
+from ariac_score.trial.spans import FloatArray, Span, within_spans
 from ariac_score.trial.window import ends_of
 
 __all__ = ["LONGEST_DELAY_S", "arrival_delays_s", "arrival_jitter_s", "late_in_the_competition"]
@@ -69,9 +69,14 @@ def _late_in(signal: Signal, window: Span) -> Signal:
     if not signal.stamp_jitter_s:
         return signal  # senders stamped it
     t = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
-    silence_s = np.diff(np.concatenate(([window.start_s], t, [window.end_s])))
+    edges = np.concatenate(([window.start_s], t, [window.end_s]))
+    # What is not believed came all the same: where it was left out, nothing was silent.
+    came = ~within_spans((edges[1:] + edges[:-1]) / 2, signal.holes)
+    silence_s = np.diff(edges)[came]
     made_up_for_s = float(arrival_delays_s(t).max(initial=0.0))
-    return replace(signal, stamp_jitter_s=max(made_up_for_s, min(float(silence_s.max()), LONGEST_DELAY_S)))
+    return replace(
+        signal, stamp_jitter_s=max(made_up_for_s, min(float(silence_s.max(initial=0.0)), LONGEST_DELAY_S))
+    )
 
 
 def arrival_delays_s(t: FloatArray) -> FloatArray:
