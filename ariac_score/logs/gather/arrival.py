@@ -71,7 +71,9 @@ def _late_in(signal: Signal, window: Span) -> Signal:
     t = signal.t[(signal.t >= window.start_s) & (signal.t <= window.end_s)]
     edges = np.concatenate(([window.start_s], t, [window.end_s]))
     # What is not believed came all the same: where it was left out, nothing was silent.
-    came = ~within_spans((edges[1:] + edges[:-1]) / 2, signal.holes)
+    left_out = [hole for hole in signal.holes if hole.duration_s > LONGEST_DELAY_S]
+    left_out += [one.span for one in signal.disbelieved]
+    came = ~within_spans((edges[1:] + edges[:-1]) / 2, left_out)
     silence_s = np.diff(edges)[came]
     made_up_for_s = float(arrival_delays_s(t).max(initial=0.0))
     return replace(
