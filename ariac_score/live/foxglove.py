@@ -6,13 +6,16 @@ Source: the Foxglove WebSocket protocol, `foxglove.websocket.v1` and `foxglove.s
 from __future__ import annotations
 
 import json
+import re
 import struct
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from ariac_score.errors import LiveError
 from ariac_score.live.dialled import DialledSource, GoneError, host_and_port
+from ariac_score.live.source import Lost
 from ariac_score.live.websocket import WebSocket
 from ariac_score.logs.containers.items import Connection
 
@@ -27,6 +30,10 @@ _ROS = {"cdr": "ros2msg", "ros1": "ros1msg"}
 """The encodings that can be judged, and the format of definitions where the server does not name it."""
 _OWN = ("/foxglove_bridge/",)
 """What the bridge says of itself."""
+_REFUSED = re.compile(r"unknown channel\D*(\d{1,20})", re.IGNORECASE)
+"""A server of the SDK may offer a channel a moment before it takes subscriptions of it."""
+_ASKED_AGAIN, _FIRST_PAUSE_S = 8, 0.001
+"""Each pause is twice the one before: a quarter of a second in all, for messages wait meanwhile."""
 _USAGE = "give foxglove://HOST:PORT (8765 by default), ws://HOST:PORT or wss://HOST:PORT"
 
 
@@ -37,6 +44,8 @@ class _Session:
     socket: WebSocket
     subscribed: dict[int, Connection] = field(default_factory=dict)
     """By subscription, which has the number of its channel."""
+    asked_again: Counter[int] = field(default_factory=Counter)
+    """How often, by channel."""
     waiting: list[Mapping[str, Any]] = field(default_factory=list)
     """What came before the server had named itself."""
 
@@ -108,8 +117,12 @@ class FoxgloveSource(DialledSource):
             self._named(said)
             if self.server != before:
                 raise GoneError("the bridge began a new session")
-        elif op == "status" and said.get("level") != 0 and "buffer limit" in str(said.get("message")):
-            self.lost_any(str(said["message"]))
+        elif op == "status" and said.get("level") != 0:
+            message = str(said.get("message"))
+            if "buffer limit" in message:
+                self.lost_any(message)
+            elif refused := _REFUSED.search(message):
+                self._ask_again(session, int(refused[1]))
 
     def _subscribe(self, session: _Session, channels: list[Mapping[str, Any]]) -> None:
         asked = []
@@ -128,9 +141,27 @@ class FoxgloveSource(DialledSource):
                 definition,
                 str(one.get("schemaEncoding") or _ROS.get(encoding, "")),
             )
-            asked.append({"id": number, "channelId": number})
+            asked.append(number)
         if asked:
-            session.socket.say(json.dumps({"op": "subscribe", "subscriptions": asked}))
+            session.socket.say(_subscriptions(asked))
+
+    def _ask_again(self, session: _Session, number: int) -> None:
+        """Subscribe once more to a channel that is still offered; one that goes on being refused is lost."""
+        connection, before = session.subscribed.get(number), session.asked_again[number]
+        session.asked_again[number] += 1
+        if connection is None or before > _ASKED_AGAIN:
+            return
+        if before == _ASKED_AGAIN:
+            words = "the bridge offers it and refuses to send it"
+            self.put(Lost(connection.topic, self._heard_ns, self._heard_ns, words))
+            return
+        self.closing.wait(_FIRST_PAUSE_S * 2**before)
+        session.socket.say(_subscriptions([number]))
+
+
+def _subscriptions(numbers: list[int]) -> str:
+    asked = [{"id": number, "channelId": number} for number in numbers]
+    return json.dumps({"op": "subscribe", "subscriptions": asked})
 
 
 def _json(raw: str | bytes) -> Mapping[str, Any]:

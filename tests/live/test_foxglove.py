@@ -20,7 +20,7 @@ from websockets.sync.server import serve
 from ariac_score import Result, Verdict, as_json, score_trial
 from ariac_score.engine.prepared import prepare
 from ariac_score.errors import LiveError, UsageError
-from ariac_score.live.source import LiveSource, Received, source_at
+from ariac_score.live.source import Disconnected, LiveSource, Lost, Received, source_at
 from ariac_score.live.watch import Settings, Watch
 from ariac_score.logs.containers.items import Connection, Message
 from ariac_score.testing import source_checks
@@ -376,3 +376,58 @@ def test_a_server_of_something_else_is_refused() -> None:
         with pytest.raises(LiveError, match="is no foxglove_bridge"):
             source_at(f"foxglove://127.0.0.1:{port}").open(None)
         server.shutdown()
+
+
+@contextmanager
+def _refusing(times: int) -> Iterator[str]:
+    """A server that offers `/words`, and refuses so many subscriptions of it before it sends two messages.
+
+    What the SDK's server was seen to answer: it names a channel that it does not know yet.
+    """
+
+    def answer(connection: Any) -> None:
+        connection.send(json.dumps({"op": "serverInfo", "name": "one", "capabilities": [], "sessionId": "1"}))
+        channel = {
+            "id": 7,
+            "topic": TEXT.topic,
+            "encoding": "cdr",
+            "schemaName": TEXT.type,
+            "schema": TEXT.definition,
+        }
+        connection.send(json.dumps({"op": "advertise", "channels": [channel]}))
+        for _ in range(times):
+            assert json.loads(connection.recv(10))["subscriptions"] == [{"id": 7, "channelId": 7}]
+            connection.send(json.dumps({"op": "status", "level": 2, "message": "Unknown channel ID: 7"}))
+        with suppress(TimeoutError):
+            connection.recv(1 if times > 8 else 10)
+            for number, words in enumerate((GO, END)):
+                connection.send(
+                    b"\1" + (7).to_bytes(4, "little") + (5 + number).to_bytes(8, "little") + words
+                )
+        with suppress(Exception):  # until the client hangs up
+            connection.recv(10)
+
+    with serve(answer, "127.0.0.1", 0, subprotocols=["foxglove.sdk.v1"]) as server:  # type: ignore[list-item]
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"foxglove://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+
+
+@pytest.mark.parametrize("times", [1, 8])
+def test_a_subscription_that_was_refused_is_asked_for_again(times: int) -> None:
+    with _refusing(times) as address:
+        source = _opened(address)
+        items = heard(source, is_message, 2)
+        source.close()
+    assert payloads(items, "/words") == [GO, END]
+    assert not [item for item in items if isinstance(item, Lost)]
+
+
+def test_a_topic_that_goes_on_being_refused_is_told_as_lost_and_the_rest_goes_on() -> None:
+    with _refusing(9) as address:
+        source = _opened(address)
+        items = heard(source, lambda item: isinstance(item, Lost))
+        source.close()
+    (lost,) = [item for item in items if isinstance(item, Lost)]
+    assert (lost.topic, lost.cause) == ("/words", "the bridge offers it and refuses to send it")
+    assert not [item for item in items if isinstance(item, Disconnected)]
