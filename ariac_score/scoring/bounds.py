@@ -85,7 +85,7 @@ class Worlds:
 
     def __post_init__(self) -> None:
         self.pricing = Pricing(self.sheet, self.trial, self.findings, self.cohort)
-        self.verdicts = frozenset(one.key for one in self.variables if one.is_verdict)
+        self.verdicts = frozenset(one.key for one in self.variables if one.is_verdict or one.turns)
         durations = (one.limits[DURATION] for one in self.variables if one.check == DURATION and one.limits)
         self.lasts_s = next(durations, None)
         self.tried, self._may_try = 0, 0

@@ -75,6 +75,7 @@ class Variable:
         limits: Of quantities that are not measured, the value in the best and the worst world; `None` for
             either where nothing bounds it. Those of `best` and `worst` where it is `None`.
         endless: Whether there may have been more of it than in the worst world, for any time.
+        turns: Whether it is kept or broken and nothing between, whatever its numbers are.
     """
 
     key: str
@@ -90,6 +91,7 @@ class Variable:
     most: float
     limits: Mapping[str, tuple[float, float]] | None = None
     endless: bool = False
+    turns: bool = False
 
     def world(self, *, worst: bool) -> Mapping[str, Finding]:
         """Its findings in one of its two worlds."""
@@ -119,7 +121,8 @@ def variables_of(
             continue
         seen = tuple(k for k, f in findings.items() if (f.check, f.subject) == (one.check, one.subject))
         covered.update(seen)
-        found.append(_between(one, seen, endless=left_open.endless and one.check in left_open.monitors))
+        watched = one.check in left_open.monitors
+        found.append(_between(one, seen, endless=left_open.endless and watched, watched=watched))
     for key in sorted(findings):
         finding = findings[key]
         if finding.check not in among or key in covered:
@@ -154,7 +157,7 @@ def _duration(lasted: Lasted) -> Variable:
     )
 
 
-def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool) -> Variable:
+def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool, watched: bool) -> Variable:
     in_best, in_worst = _violations(one.best.values()), _violations(one.worst.values())
     return Variable(
         key=f"{one.check} of {one.subject}",
@@ -171,6 +174,8 @@ def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool) -> Vari
         fewest=min(in_best, in_worst),
         most=inf if endless else max(in_best, in_worst),
         endless=endless,
+        # A monitor may have found less of a violation than its worst world has.
+        turns=not watched and len(one.best) == len(one.worst) == 1,
     )
 
 

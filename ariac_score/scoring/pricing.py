@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ast
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from dataclasses import replace as replaced
-from decimal import Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from math import isfinite
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -39,6 +41,9 @@ __all__ = [
 
 
 NOTHING_OPEN = LeftOpen()
+_SAID_DIGITS = 3
+"""Decimal digits of bounds that are only told."""
+_TRIED_FOR_WORDS = 64
 
 
 @dataclass(frozen=True)
@@ -182,7 +187,7 @@ def price(
     if left_open.work_open:
         return Priced("incomplete", None, None, None, assumptions, _of_known_work(settled, digits, left_open))
     if withheld or not settled.is_bounded:
-        missing_words = "" if settled.is_bounded else settled.unbounded
+        missing_words = "" if settled.is_bounded else maker.without_bound(settled, scored)
         return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
     ledger = maker.ledger(sheet.score, settled, sheet.scored, "score")
     if possible is not None and possible < (interval.most if interval else ledger.amount):
@@ -319,6 +324,24 @@ def _open_in(
     return used | (sheet.facts_in(formula) & {DURATION})
 
 
+def _ends_in_words(name: str, least: float, most: float) -> str:
+    """Between what something lies; empty where nothing bounds it.
+
+    >>> _ends_in_words("kits", 2, 2.5), _ends_in_words("penalties", 0, float("inf"))
+    ('kits 2 to 2.5', 'penalties at least 0')
+    """
+    one = Decimal(1).scaleb(-_SAID_DIGITS)
+    low, high = (
+        f"{Decimal(repr(float(end))).quantize(one, rounding=outward).normalize() + 0:f}"
+        if isfinite(end)
+        else ""
+        for end, outward in ((least, ROUND_FLOOR), (most, ROUND_CEILING))
+    )
+    if low and high:
+        return f"{name} {low}" if low == high else f"{name} {low} to {high}"
+    return f"{name} at least {low}" if low else f"{name} at most {high}" if high else ""
+
+
 def _withheld(assumed: Assumed, used: frozenset[str]) -> bool:
     return any(assumption.check in used for assumption in assumed.withheld)
 
@@ -343,6 +366,46 @@ class _Maker:
             self.sheet, formula, self.scopes, self.assumed.findings, inside, cohort, self.measures
         )
         return settle(worlds, counts=self.counts)
+
+    def without_bound(self, settled: Settled, used: frozenset[str]) -> str:
+        """Why no number bounds a score on one side, its other side, and between what its terms lie."""
+        terms = list(dict.fromkeys(self._said_of_terms(self.sheet.score, used, {})))
+        if not terms:
+            return settled.unbounded
+        score = _ends_in_words("the score", settled.least.value, settled.most.value)
+        return f"{settled.unbounded}; what is known: {', '.join([score, *terms] if score else terms)}"
+
+    def _said_of_terms(
+        self, formula: Expression, used: frozenset[str], seen: dict[str, None]
+    ) -> Iterator[str]:
+        """The ends of the terms that a formula names; of one that lacks an end, those of its own terms."""
+        terms = self.sheet.terms.get(self.scopes.level, {})
+        named = [node for node in formula.walk() if isinstance(node, ast.Name) and node.id in terms]
+        for name in [node.id for node in sorted(named, key=lambda node: (node.lineno, node.col_offset))]:
+            if name in seen:
+                continue
+            seen[name] = None
+            inside = [one for one in self.variables if one.check in used]
+            worlds = Worlds(
+                self.sheet,
+                terms[name],
+                self.scopes,
+                self.assumed.findings,
+                inside,
+                self.cohort,
+                self.measures,
+            )
+            try:
+                least, most = (
+                    worlds.end(least=end, most_tried=_TRIED_FOR_WORDS).value for end in (True, False)
+                )
+            except FormulaError:
+                continue
+            inner = (
+                [] if isfinite(least) and isfinite(most) else [*self._said_of_terms(terms[name], used, seen)]
+            )
+            if said := _ends_in_words(name, least, most):
+                yield from inner if len(inner) > 1 else [said]
 
     def counts_of(self, used: frozenset[str]) -> str:
         return "withhold" if _withheld(self.assumed, used) else self.counts

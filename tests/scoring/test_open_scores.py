@@ -175,6 +175,38 @@ def test_what_stewards_call_violated_is_one_violation_at_best_and_all_that_it_wa
         assert ends(priced(score, ruled, left_open=after)) == (least, at_best)
 
 
+def test_a_score_without_a_bound_says_between_what_its_terms_lie() -> None:
+    """Four parts at 2 points, one of them undecided: 6 to 8. Drops cost a point each, and nobody watched."""
+    work = sheet("earned - lost", earned="2 * points(pose)", lost="count(drop)")
+    one = price(
+        found(drop="i", pose="sssi"),
+        TRIAL,
+        work,
+        {},
+        digits=6,
+        left_open=LeftOpen(monitors=frozenset({"drop"})),
+    )
+    assert one.status == "incomplete"
+    assert one.missing.endswith("; what is known: the score at most 8, earned 6 to 8, lost at least 0")
+
+
+def test_a_rule_that_bounds_its_numbers_is_kept_or_broken_in_what_hangs_on_it_either_way() -> None:
+    """0.5 less for what was not worth it, 1 to 3 where it was: nothing between says more."""
+    ends_of = {
+        "best": {
+            "worth#best1": Finding("part_1", VERDICTS["s"], "it was", check="worth", quantities={"w": 3.0})
+        },
+        "worst": {
+            "worth#worst1": Finding(
+                "part_1", VERDICTS["v"], "it was not", check="worth", quantities={"w": 1.0}
+            )
+        },
+    }
+    left_open = LeftOpen((OpenFindings("worth", "part_1", **ends_of),))
+    formula = "max(0, 5 - measure(worth, w) / points(worth)) if points(worth) else 2"
+    assert ends(priced(formula, found(worth="i"), left_open=left_open)) == (2, 4)
+
+
 def test_declared_quantities_bound_what_is_undecided() -> None:
     measures = {"worth": {"value": Measure("points", "points", best=5.0, worst=-1.0)}}
     one = priced("measure(worth, value)", found(worth="i"), measures=measures)
