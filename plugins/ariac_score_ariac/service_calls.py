@@ -17,7 +17,7 @@ __all__ = ["ServiceCall", "ServiceCalls", "calls_without_content", "submissions_
 
 _REQUESTS, _RESPONSES = (0, 1), (2, 3)
 """Sent and received, received first by the other side."""
-_NAMES = ("order_id", "shipment_type", "id")
+_NAMES = ("order_id", "shipment_type")
 """The field of a request that says what is handed in."""
 
 

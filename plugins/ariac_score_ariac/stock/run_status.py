@@ -1,8 +1,7 @@
 """The run of 2025 as the simulator counts it: what was accepted, and when.
 
 Kits and modules are accepted when what remains of them falls by one. Of orders of high priority no topic
-says more than that they were announced; that one was accepted, events of the service tell, where a client
-publishes them. The stamps of the topic are wall time; the time since the start is
+says more than that they were announced. The stamps of the topic are wall time; the time since the start is
 in the message.
 
 Source: `ariac_interfaces/CompetitionStatus`; ARIAC notes on recording, section 1.9.
@@ -25,7 +24,6 @@ from ariac_score import (
     Record,
     Trial,
 )
-from ariac_score_ariac.service_calls import submissions_called
 from ariac_score_ariac.stock.console import SCORE_LOGGER, lines_said, said_by
 from ariac_score_ariac.work import KitSubmission
 
@@ -159,7 +157,7 @@ def run_of(parts: Sequence[Trial]) -> Run | None:
     events += [Event(offset_s + (o.announced_s or 0.0), ORDER_ANNOUNCED, o.id) for o in (*orders, *urgent)]
     submissions = [
         KitSubmission(o.id, min(offset_s + o.submitted_s, ended.t_s if ended else float("inf")))
-        for o in (*orders, *urgent)
+        for o in orders
         if o.submitted_s is not None
     ]
     return Run(
@@ -191,22 +189,13 @@ def _counted(which: int, known: Sequence[RunStatus], ended: RunStatus | None) ->
 
 
 def _urgent(parts: Sequence[Trial], started: RunStatus) -> Iterator[OfficialOrder]:
-    """The orders of high priority: accepted where a call of the service says so, else nobody knows."""
-    accepted: dict[str, float] = {}
-    for call in submissions_called(parts):
-        accepted.setdefault(call.item_id, call.submitted_s - started.t_s + started.elapsed_s)
+    """The orders of high priority: of none it is known whether it was accepted."""
     first: dict[str, float] = {}
     for record in sorted(_of(HighPriority, parts), key=lambda record: record.t_s):
         first.setdefault(record.id, record.t_s - started.t_s + started.elapsed_s)
-    for number, (name, at_s) in enumerate(first.items(), start=1):
-        yield OfficialOrder(
-            f"high_priority_{number}",
-            "high_priority",
-            submitted=True if name in accepted else None,
-            priority=True,
-            announced_s=max(at_s, 0.0),
-            submitted_s=accepted.get(name),
-        )
+    for number, at_s in enumerate(first.values(), start=1):
+        name = f"high_priority_{number}"
+        yield OfficialOrder(name, "high_priority", priority=True, announced_s=max(at_s, 0.0))
 
 
 def _printed_total(parts: Sequence[Trial]) -> float | None:

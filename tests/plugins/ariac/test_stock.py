@@ -16,13 +16,11 @@ from typing import Any
 import pytest
 import yaml
 
-from ariac_score import ContradictionError, LogError, Pose, Result, Trial, Verdict, as_json, score_trial
+from ariac_score import ContradictionError, LogError, Pose, Result, Verdict, as_json, score_trial
 from ariac_score.cli import main
 from ariac_score.report.html.trial import trial_page
 from ariac_score.report.text import score_text
 from ariac_score.testing.bags import Recorded
-from ariac_score_ariac.service_calls import ServiceCall
-from ariac_score_ariac.stock.run_status import HighPriority, RunStatus, run_of
 
 from .stock_bags import (
     S,
@@ -967,31 +965,6 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
     assert (result.measured.window.start_s, result.measured.window.end_s) == pytest.approx((4.0, 404.0))
     record = next(f for f in result.measured.findings.values() if f.check == "record")
     assert record.verdict is Verdict.INCONCLUSIVE
-
-
-@pytest.mark.parametrize(
-    ("asked", "success", "accepted_s"),
-    [("HP000001", True, 75.0), ("HP000001", False, None), ("HP000002", True, None)],
-)
-def test_an_order_of_high_priority_is_accepted_where_the_call_of_the_service_says_so(
-    asked: str, success: bool, accepted_s: float | None
-) -> None:
-    """No topic says so: a client publishes it, with its service events on."""
-    call = (b"client", 1)
-    records = (
-        RunStatus(4.0, 2, 0.0, 300.0, (3, 1), (3, 1)),
-        HighPriority(124.0, "HP000001"),
-        ServiceCall(79.0, call, 0, item_id=asked),
-        ServiceCall(79.1, call, 3, accepted=success),
-        RunStatus(404.0, 4, 400.0, 300.0, (3, 1), (1, 0)),
-    )
-
-    run = run_of([Trial("run", records=records)])
-
-    assert run is not None
-    (urgent,) = (one for one in run.official.summaries if one.kind == "high_priority")
-    assert (urgent.submitted, urgent.submitted_s) == ((True, 75.0) if accepted_s else (None, None))
-    assert ("high_priority_1" in {one.item_id for one in run.submissions}) is (accepted_s is not None)
 
 
 def test_the_printed_table_of_2025_is_the_official_total(
