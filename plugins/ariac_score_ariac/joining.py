@@ -57,7 +57,10 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     Raises:
         LogError: Two logs contradict each other.
     """
-    run = run_of(parts)
+    run, silent = run_of(parts, file), calls_without_content(parts)
+    if any(isinstance(record, RunStatus) for part in parts for record in part.records):
+        # Calls of 2025 name no kit and no module: `run` has read them, and a database knows better.
+        parts = [part if part.official else _without_calls(part) for part in parts]
     if run is not None:  # of 2025, whose orders have no messages of their own
         merged = _with_run(merged, run, file)
         parts = [*parts, Trial(merged.id, official=run.official)]
@@ -76,7 +79,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     orders = tuple(_with_printed_priority(order, stock.official) for order in orders)
     submissions, from_stock = _submissions(parts, stock, file)
     defects += stock.defects if from_stock else []
-    defects += calls_without_content(parts)
+    defects += silent
     # Of all parts, for submissions that a recording dates can be joined with what it shows of trays.
     records = [record for part in parts for record in part.records] if from_stock else merged.records
     # The printed end is exact, so that what the state said a moment later does not count.
@@ -300,6 +303,12 @@ def _refuse_left_out(recorded: Sequence[KitSubmission], stock: Stock, file: obje
                 file=file,
                 hint="they are not all there: score the recording without /ariac_score/submissions",
             )
+
+
+def _without_calls(part: Trial) -> Trial:
+    """A part without what a run of 2025 has read of it: submissions, and calls of its services."""
+    records = tuple(record for record in part.records if not isinstance(record, ServiceCall))
+    return replace(part, submissions=(), records=records)
 
 
 def _with_run(merged: Trial, run: Run, file: object) -> Trial:

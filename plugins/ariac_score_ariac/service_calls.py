@@ -13,11 +13,18 @@ from typing import Any, ClassVar
 from ariac_score import LogDefect, Record, Trial
 from ariac_score_ariac.work import KitSubmission
 
-__all__ = ["ServiceCall", "ServiceCalls", "calls_without_content", "submissions_called"]
+__all__ = [
+    "KitCalls",
+    "ModuleCalls",
+    "ServiceCall",
+    "ServiceCalls",
+    "calls_without_content",
+    "submissions_called",
+]
 
 _REQUESTS, _RESPONSES = (0, 1), (2, 3)
 """Sent and received, received first by the other side."""
-_NAMES = ("order_id", "shipment_type")
+_NAMES = ("order_id", "shipment_type", "id")
 """The field of a request that says what is handed in."""
 
 
@@ -51,6 +58,9 @@ class ServiceCall(Record):
 class ServiceCalls:
     """Decodes `SERVICE/_service_event` of services that take submissions."""
 
+    what: ClassVar[str] = ""
+    """What is handed in, where the request of the service is empty."""
+
     def decode(self, msgtype: str, message: Any, t_s: float) -> ServiceCall | None:
         """What the message says of a call; `None` for anything else.
 
@@ -63,14 +73,27 @@ class ServiceCalls:
             return None
         info, requests, responses = message.info, message.request, message.response
         named = next((n for n in _NAMES if len(requests) and hasattr(requests[0], n)), "")
+        item_id = str(getattr(requests[0], named)) if named else self.what if len(requests) else ""
         return ServiceCall(
             t_s,
             (bytes(bytearray(info.client_gid)), int(info.sequence_number)),
             int(info.event_type),
-            item_id=str(getattr(requests[0], named)) if named else "",
+            item_id=item_id,
             accepted=bool(len(responses) and getattr(responses[0], "success", False)),
             told=bool(len(requests) or len(responses)),
         )
+
+
+class KitCalls(ServiceCalls):
+    """Decodes the events of `/submit_kitting_order` of 2025, whose request is empty."""
+
+    what = "kit"
+
+
+class ModuleCalls(ServiceCalls):
+    """Decodes the events of `/submit_module_order` of 2025, whose request is empty."""
+
+    what = "module"
 
 
 def submissions_called(parts: Sequence[Trial]) -> tuple[KitSubmission, ...]:

@@ -12,6 +12,7 @@ import pytest
 
 from ariac_score.cli import main
 from ariac_score.documents.yaml import load_yaml
+from ariac_score.logs.logmap import load_log_map
 from ariac_score.logs.recording import OWN_TOPICS, load_recording, recording_names
 from ariac_score.scoring.ruleset import rule_set_names
 
@@ -81,6 +82,19 @@ def test_each_release_of_ros_gets_options_that_it_has(capsys: Capture) -> None:
     assert len(set(iron)) == len(iron)
     assert jazzy[jazzy.index("--services") + 1 :][0] == "/submit_kitting_order"
     assert jazzy.index("--topics") < jazzy.index("/competition_status") < jazzy.index("--services")
+
+
+def test_what_is_recorded_of_services_is_read(subtests: pytest.Subtests) -> None:
+    """Events of a service, and what the forwarder makes of its calls, are channels of the log map."""
+    for name in ("ariac2024", "ariac2025"):
+        with subtests.test(name):
+            recording = load_recording(None, [name])
+            read = {channel.topic for channel in load_log_map(name).channels}
+            assert {f"{service}/_service_event" for service in recording.services} <= read
+            assert "/ariac_score/submissions" in read
+            for forward in recording.recorder["forwards"]:
+                assert forward["accepted"] == "success"
+                assert forward["submission"]["shipment_type"] in ("{order_id}", "kit", "module", "{id}")
 
 
 def test_the_plan_is_written_beside_the_recording(tmp_path: Path, capsys: Capture) -> None:

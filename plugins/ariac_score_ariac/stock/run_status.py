@@ -1,10 +1,11 @@
 """The run of 2025 as the simulator counts it: what was accepted, and when.
 
 Kits and modules are accepted when what remains of them falls by one. Of orders of high priority no topic
-says more than that they were announced. The stamps of the topic are wall time; the time since the start is
-in the message.
+says more than that they were announced; calls that were recorded say the rest, and so does the state in
+which all orders are in. The stamps of the topic are wall time; the time since the start is in the message.
 
-Source: `ariac_interfaces/CompetitionStatus`; ARIAC notes on recording, section 1.9.
+Source: `ariac_interfaces/CompetitionStatus`; ARIAC notes on recording, section 1.9; `orders_complete` and
+`update_competition_time` of the simulator's competition_manager_plugin.
 """
 
 from __future__ import annotations
@@ -14,24 +15,31 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ariac_score import (
     COMPETITION_ENDED,
     COMPETITION_STARTED,
     ORDER_ANNOUNCED,
     Event,
+    LogError,
     OfficialOrder,
     OfficialResult,
     Record,
     Trial,
 )
+from ariac_score_ariac.service_calls import submissions_called
 from ariac_score_ariac.stock.console import SCORE_LOGGER, lines_said, said_by
-from ariac_score_ariac.work import KitSubmission
+from ariac_score_ariac.work import KitSubmission, submissions_of
 
 __all__ = ["AriacInterfaces2025", "HighPriority", "Run", "RunStatus", "run_of"]
 
 STARTED, ORDERS_COMPLETE, ENDED = 2, 3, 4
 """States; before them the numbers of orders may be 0."""
+HIGH_PRIORITY_ORDERS, SUBMISSIONS = "high_priority_orders", "submissions"
+"""What a recording witnesses: that none other was announced, handed in."""
 _WHERE = "/competition_status"
+_KINDS = ("kit", "module")
 _BOX = re.compile(r"[|\u2500-\u257f]")
 _NUMBER = re.compile(r"-?\d{1,9}(?:\.\d{1,9})?")
 _TOTALS = ("total_score", "final_score", "score", "total")
@@ -130,16 +138,31 @@ class Run:
     facts: Mapping[str, float]
 
 
-def run_of(parts: Sequence[Trial]) -> Run | None:
-    """The run that recordings show; `None` where none does, or the database is there and says more."""
+def run_of(parts: Sequence[Trial], file: object = None) -> Run | None:
+    """The run that recordings show; `None` where none does, or the database is there and says more.
+
+    Raises:
+        LogError: Recorded submissions are not those that the simulator counted.
+    """
     statuses = sorted(_of(RunStatus, parts), key=lambda status: status.t_s)
-    known = [s for s in statuses if s.state >= STARTED and any(s.asked)]
-    if not known or any(part.official for part in parts):
+    counting = [s for s in statuses if s.state >= STARTED and any(s.asked)]
+    if not counting or any(part.official for part in parts):
         return None
+    # While all orders are in, some releases leave the numbers out.
+    known = [
+        replace(s, asked=counting[0].asked, remaining=(0, 0)) if s.state == ORDERS_COMPLETE else s
+        for s in statuses
+        if s.state == ORDERS_COMPLETE or s in counting
+    ]
     started, last = known[0], known[-1]
     ended = next((status for status in known if status.state == ENDED), None)
-    orders = [order for which in (0, 1) for order in _counted(which, known, ended)]
-    urgent = list(_urgent(parts, started))
+    witnessed = frozenset[str]().union(*(part.witnessed for part in parts))
+    handed_in = _handed_in(parts, known)
+    if SUBMISSIONS in witnessed and ended:
+        _refuse_left_out(handed_in, ended, file)
+    orders = [order for which in (0, 1) for order in _counted(which, known, ended, handed_in)]
+    urgent = list(_urgent(parts, known, handed_in, closed=SUBMISSIONS in witnessed and ended is not None))
+    all_in = any(status.state == ORDERS_COMPLETE for status in known)
     official = OfficialResult(
         _WHERE,
         _printed_total(parts),
@@ -147,17 +170,31 @@ def run_of(parts: Sequence[Trial]) -> Run | None:
         outcome="aborted" if ended and any(ended.remaining) else "",
         summaries=(*orders, *urgent),
     )
-    facts = {"num_kits": last.asked[0], "num_modules": last.asked[1]}
+    facts: dict[str, float] = {
+        "num_kits": last.asked[0],
+        "num_modules": last.asked[1],
+        "recorded_s": last.elapsed_s,
+    }
     limits = [status.limit_s for status in known if status.state == STARTED]
     facts |= {"time_limit_s": limits[0]} if limits else {}
-    facts |= {"duration_s": ended.elapsed_s} if ended else {}
-    offset_s = started.t_s - started.elapsed_s
-    events = [Event(offset_s, COMPETITION_STARTED)]
+    facts |= {"duration_s": ended.elapsed_s, "completed": 1.0} if ended else {}
+    if ended and not all_in and any(order.submitted is False for order in (*orders, *urgent)):
+        facts["aborted"] = 1.0
+    if all_in:
+        facts |= {"aborted": 0.0} if ended else {}
+        # Nobody can hand in what was not announced, for its name is not known.
+        seen = HIGH_PRIORITY_ORDERS in witnessed and statuses[0].state < STARTED
+        facts |= {"num_high_priority": len(urgent)} if seen else {}
+    events = [Event(started.t_s - started.elapsed_s, COMPETITION_STARTED)]
     events += [Event(ended.t_s, COMPETITION_ENDED)] if ended else []
-    events += [Event(offset_s + (o.announced_s or 0.0), ORDER_ANNOUNCED, o.id) for o in (*orders, *urgent)]
+    events += [
+        Event(_recorded_at(known, o.announced_s), ORDER_ANNOUNCED, o.id)
+        for o in (*orders, *urgent)
+        if o.announced_s is not None
+    ]
     submissions = [
-        KitSubmission(o.id, min(offset_s + o.submitted_s, ended.t_s if ended else float("inf")))
-        for o in orders
+        KitSubmission(o.id, _recorded_at(known, o.submitted_s))
+        for o in (*orders, *urgent)
         if o.submitted_s is not None
     ]
     return Run(
@@ -172,13 +209,54 @@ def _of(kind: type, parts: Iterable[Trial]) -> Iterator[Any]:
     return (record for part in parts for record in part.records if isinstance(record, kind))
 
 
-def _counted(which: int, known: Sequence[RunStatus], ended: RunStatus | None) -> Iterator[OfficialOrder]:
+def _elapsed_at(known: Sequence[RunStatus], t_s: float) -> float:
+    """The time since the start at which something was recorded, s of simulated time."""
+    if t_s < known[0].t_s:
+        return max(0.0, known[0].elapsed_s - (known[0].t_s - t_s))
+    return float(np.interp(t_s, [s.t_s for s in known], [s.elapsed_s for s in known]))
+
+
+def _recorded_at(known: Sequence[RunStatus], elapsed_s: float) -> float:
+    """The trial time of a time since the start, s."""
+    if elapsed_s < known[0].elapsed_s:
+        return known[0].t_s - (known[0].elapsed_s - elapsed_s)
+    going = [s for k, s in enumerate(known) if not k or s.elapsed_s > known[k - 1].elapsed_s]
+    return float(np.interp(elapsed_s, [s.elapsed_s for s in going], [s.t_s for s in going]))
+
+
+def _handed_in(parts: Sequence[Trial], known: Sequence[RunStatus]) -> dict[str, list[float]]:
+    """When what was accepted, by recorded calls: `kit`, `module`, or the id of an order of high priority."""
+    recorded = [one for part in parts for one in submissions_of(part)]
+    found: dict[str, list[float]] = {}
+    for one in recorded or submissions_called(parts):
+        found.setdefault(one.item_id, []).append(_elapsed_at(known, one.submitted_s))
+    return {name: sorted(times) for name, times in found.items()}
+
+
+def _refuse_left_out(handed_in: Mapping[str, Sequence[float]], ended: RunStatus, file: object) -> None:
+    for kind, asked, remaining in zip(_KINDS, ended.asked, ended.remaining, strict=True):
+        recorded = len(handed_in.get(kind, ()))
+        if recorded != asked - remaining:
+            raise LogError(
+                f"the simulator accepted {asked - remaining} orders of the kind {kind}, "
+                f"and the recorder's messages have {recorded}",
+                file=file,
+                hint="they are not all there: score the recording without /ariac_score/submissions",
+            )
+
+
+def _counted(
+    which: int, known: Sequence[RunStatus], ended: RunStatus | None, handed_in: Mapping[str, Sequence[float]]
+) -> Iterator[OfficialOrder]:
     """The kits or the modules of a run: accepted when their number falls; by the end, or not at all."""
-    kind = ("kit", "module")[which]
+    kind = _KINDS[which]
     accepted: list[float] = []
     for status in known:
         done = status.asked[which] - status.remaining[which]
         accepted += [status.elapsed_s] * max(0, done - len(accepted))
+    called = handed_in.get(kind, ())
+    if len(called) == len(accepted):  # to the moment; of some of the calls nobody knows which they were
+        accepted = list(called)
     for number in range(1, known[-1].asked[which] + 1):
         at_s = accepted[number - 1] if number <= len(accepted) else None
         submitted = True if at_s is not None else False if ended else None
@@ -188,14 +266,36 @@ def _counted(which: int, known: Sequence[RunStatus], ended: RunStatus | None) ->
         )
 
 
-def _urgent(parts: Sequence[Trial], started: RunStatus) -> Iterator[OfficialOrder]:
-    """The orders of high priority: of none it is known whether it was accepted."""
+def _urgent(
+    parts: Sequence[Trial],
+    known: Sequence[RunStatus],
+    handed_in: Mapping[str, Sequence[float]],
+    *,
+    closed: bool,
+) -> Iterator[OfficialOrder]:
+    """The orders of high priority: what no call shows to be accepted may have been, unless all are recorded.
+
+    Args:
+        parts: The recordings.
+        known: What is said of the run.
+        handed_in: What was accepted, and when.
+        closed: Whether everything that was accepted is in the recording.
+    """
     first: dict[str, float] = {}
     for record in sorted(_of(HighPriority, parts), key=lambda record: record.t_s):
-        first.setdefault(record.id, record.t_s - started.t_s + started.elapsed_s)
-    for number, at_s in enumerate(first.values(), start=1):
-        name = f"high_priority_{number}"
-        yield OfficialOrder(name, "high_priority", priority=True, announced_s=max(at_s, 0.0))
+        first.setdefault(record.id, _elapsed_at(known, record.t_s))
+    all_in = any(status.state == ORDERS_COMPLETE for status in known)
+    names = [*first, *sorted(handed_in.keys() - first.keys() - {*_KINDS})]
+    for number, name in enumerate(names, start=1):
+        at_s = next(iter(handed_in.get(name, ())), None)
+        yield OfficialOrder(
+            f"high_priority_{number}",
+            "high_priority",
+            submitted=True if all_in or at_s is not None else False if closed else None,
+            priority=True,
+            announced_s=first.get(name),
+            submitted_s=at_s,
+        )
 
 
 def _printed_total(parts: Sequence[Trial]) -> float | None:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import ariac_score_ariac
+from ariac_score.logs.columnar.service_events import event_definition
 from ariac_score.testing import bags
 from ariac_score.testing.bags import Recorded, write_bag
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 DEFINITIONS = Path(__file__).parents[3].parent / "shared" / "ros" / "definitions"
+OURS = Path(ariac_score_ariac.__file__).parent / "msg" / "ariac_score_msgs"
 FOLDERS = {"2021": "2021_finals"}
 ROS_1 = ("2017", "2018", "2019", "2020", "2021", "2022")
 S = 10**9
@@ -36,10 +39,16 @@ def typestore(edition: str) -> Typestore:
     store: Typestore = get_typestore(Stores.ROS1_NOETIC if ros_1 else Stores.ROS2_JAZZY)
     common = DEFINITIONS / ("ros1_common" if ros_1 else "ros2_common")
     types: dict[str, Any] = {}
-    for file in sorted([*folder.rglob("*.msg"), *common.rglob("*.msg")]):
-        name = f"{file.parts[-3]}/msg/{file.stem}"
+    ours = [] if ros_1 else sorted(OURS.glob("*.msg"))
+    for file in sorted([*folder.rglob("*.msg"), *common.rglob("*.msg"), *ours]):
+        name = f"{file.parent.name if file in ours else file.parts[-3]}/msg/{file.stem}"
         if name not in store.fielddefs:
             types |= get_types_from_msg(file.read_text(encoding="utf-8"), name)
+    services = [] if ros_1 else [*folder.rglob("Submit*Order.srv"), *folder.rglob("Trigger.srv")]
+    for file in sorted(services):
+        name = f"{file.parts[-3]}/srv/{file.stem}_Event"
+        found = get_types_from_msg(event_definition(name, file.read_text(encoding="utf-8")), name)
+        types |= {kind.replace("/srv/msg/", "/srv/"): fields for kind, fields in found.items()}
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
     return store
 

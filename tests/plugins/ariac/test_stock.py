@@ -967,6 +967,161 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
     assert record.verdict is Verdict.INCONCLUSIVE
 
 
+# Two of three kits, the one module, and one order of high priority of which nobody knows whether it was
+# accepted, nor whether others were to come. A kit is missing at the end, so the run is aborted.
+#   kits: 5000 x (2 to 3) / (3 + 1 to 1000) = 9.97 to 3750; by the first weights a tenth of that
+#   modules: 12000; 800
+#   bonuses: none; by the first weights those for reports, high priority and cells, up to 125 + 150 + 100
+@pytest.mark.parametrize(
+    ("rules", "known"),
+    [
+        (
+            "as_coded",
+            "the score at most 15750, kits 9.97 to 3750, modules 12000, bonuses 0, penalties at least 0",
+        ),
+        ("as_documented", "the score at most 15750, kits 9.97 to 3750, modules 12000, bonuses 0"),
+        ("first_weights", "the score at most 1550, kits 0.997 to 375, modules 800, bonuses 0 to 375"),
+        ("safe", "kits 9.97 to 3750, modules 12000, bonuses 0, penalties at least 0"),
+    ],
+)
+def test_a_stock_recording_of_2025_says_between_what_each_term_lies(
+    rules: str, known: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = score_trial(
+        stock_bag(tmp_path / "run", "2025", recorded_2025(), monkeypatch), rules=f"ariac2025.{rules}"
+    )
+
+    assert result.score is None
+    assert known in result.missing
+    (record,) = (f for f in result.measured.findings.values() if f.check == "record")
+    assert record.message.endswith("the simulator's database says it, beside the recording")
+
+
+def test_a_configuration_of_2025_beside_a_recording_says_how_many_orders_there_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So of four orders two or three were accepted: 5000 x 2/4 to 5000 x 3/4."""
+    folder = tmp_path / "bundle"
+    folder.mkdir()
+    stock_bag(folder / "run", "2025", recorded_2025(), monkeypatch)
+    (folder / "trial.yaml").write_text(
+        "ID: ABCD1234\nSEED: 1\nDEFECT_RATE: 0.1\nTIME_LIMIT: 300\nNUM_KITS: 3\nNUM_MODULES: 1\n"
+        "CHALLENGES: {HIGH_PRIORITY_ORDERS: [{ID: HP000001, START_TIME: 30}]}\n"
+    )
+    result = score_trial(folder, rules="ariac2025.as_coded")
+
+    assert "kits 2500 to 3750, modules 12000" in result.missing
+
+
+def all_in_2025(*, until_s: float) -> list[Recorded]:
+    """The same run with its third kit at 160 s: from 170 s on all orders are in, the urgent one included."""
+    found = []
+    for half in range(-4, round(until_s * 2) + 1):
+        t_s = half / 2
+        kits = 3 - (t_s >= 50) - (t_s >= 120.5) - (t_s >= 160)
+        state = 1 if t_s < 0 else 4 if t_s >= 200 else 3 if t_s >= 170 else 2
+        found.append(status(t_s, state, kits, 0 if t_s >= 150 else 1))
+    urgent = "ariac_interfaces/msg/HighPriorityOrder"
+    return [*found, *(at(60.0 + i, "/high_priority_orders", urgent, id="HP000001") for i in range(20))]
+
+
+def test_where_all_orders_are_in_those_of_high_priority_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    """All of 5000 and 12000; a third of the time left: 1000 x (1 - 200/300) = 333.333.
+
+    The urgent order took up to 170 s, so 0 to 600 x (1 - 0/150); reports up to 500, sensors up to 1000 and
+    defects up to 500: 333.333 to 2933.334 of bonuses, of which the run that goes on may lose more time.
+    """
+    for until_s, known in (
+        (200.0, "the score at most 19933.334, kits 5000, modules 12000, bonuses 333.333 to 2933.334"),
+        # It ends within the limit of 300 s, and the step after it; and is not over before 180 s.
+        (180.0, "kits 5000, modules 12000, bonuses -0.334 to 3000"),
+    ):
+        with subtests.test(until_s=until_s):
+            log = stock_bag(tmp_path / f"run{until_s:g}", "2025", all_in_2025(until_s=until_s), monkeypatch)
+            result = score_trial(log, rules="ariac2025.as_coded")
+            assert known in result.missing
+
+
+def called_2025(
+    t_s: float, service: str, number: int, *, success: bool = True, **request: str
+) -> list[Recorded]:
+    """The events of a call by a client that tells of it, on the clock of the recorder."""
+    kind = "SubmitHighPriorityOrder" if request else "Trigger"
+    found = []
+    for event, offset_s in ((0, 0.0), (3, 0.05)):
+        stamp = {"sec": math.floor(t_s), "nanosec": 0}
+        info = {"event_type": event, "stamp": stamp, "client_gid": [7] * 16, "sequence_number": number}
+        content: dict[str, list[Any]] = {"request": [], "response": []}
+        if event == 0:
+            content["request"] = [request or {"structure_needs_at_least_one_member": 0}]
+        else:
+            content["response"] = [{"success": success, "message": ""}]
+        topic = f"/{service}/_service_event"
+        found.append(at(t_s + offset_s, topic, f"ariac_interfaces/srv/{kind}_Event", info=info, **content))
+    return found
+
+
+def test_calls_of_2025_say_which_orders_were_accepted_and_when(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The recorder's clock is twice as fast as the simulation. The first urgent call was refused."""
+    calls = [
+        *called_2025(99.0, "submit_kitting_order", 1),
+        *called_2025(240.5, "submit_kitting_order", 2),
+        *called_2025(250.0, "submit_kitting_order", 3, success=False),
+        *called_2025(299.0, "submit_module_order", 4),
+        *called_2025(180.0, "submit_high_priority_order", 5, success=False, id="HP000001"),
+        *called_2025(190.0, "submit_high_priority_order", 6, id="HP000001"),
+    ]
+    log = stock_bag(tmp_path / "run", "2025", [*recorded_2025(), *calls], monkeypatch)
+    result = score_trial(log, rules="ariac2025.as_coded")
+
+    of = {f.subject: f for f in result.measured.findings.values() if f.check == "accepted"}
+    times = {name: f.quantities.get("submitted_s") for name, f in of.items()}
+    assert times == {
+        "kit_1": pytest.approx(49.5),
+        "kit_2": pytest.approx(120.25),
+        "kit_3": None,
+        "module_1": pytest.approx(149.5),
+        "high_priority_1": pytest.approx(95.0),
+    }
+    assert of["high_priority_1"].quantities["announced_s"] == pytest.approx(30.0)
+    assert "kits 14.955 to 3750, modules 12000" in result.missing  # three of 4 to 1003 orders
+
+
+def submitted_2025(t_s: float, what: str) -> Recorded:
+    fields = {
+        "shipment_type": what,
+        "agv": "",
+        "station": "",
+        "products": [],
+        "tray": "",
+        "contents_unknown": True,
+    }
+    return at(t_s, "/ariac_score/submissions", "ariac_score_msgs/msg/Submission", **fields)
+
+
+def test_submissions_that_a_forwarder_of_2025_recorded_are_all_there_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It publishes `kit`, `module`, or the id of an urgent order, which is not among them here."""
+    messages = [submitted_2025(99.0, "kit"), submitted_2025(240.5, "kit"), submitted_2025(299.0, "module")]
+    log = stock_bag(tmp_path / "run", "2025", [*recorded_2025(), *messages], monkeypatch)
+    result = score_trial(log, rules="ariac2025.as_coded")
+
+    of = {f.subject: f.verdict for f in result.measured.findings.values() if f.check == "accepted"}
+    assert of["high_priority_1"] is Verdict.VIOLATED
+    assert "kits 9.97 to 2500, modules 12000" in result.missing
+
+    log = stock_bag(tmp_path / "lacking", "2025", [*recorded_2025(), *messages[1:]], monkeypatch)
+    with pytest.raises(
+        LogError, match="accepted 2 orders of the kind kit, and the recorder's messages have 1"
+    ):
+        score_trial(log, rules="ariac2025.as_coded")
+
+
 def test_the_printed_table_of_2025_is_the_official_total(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
