@@ -124,6 +124,8 @@ SHIPPED = {
         "ariac.agv4_state",
         "ariac.console",
         "ariac.current_score",
+        "ariac.kit_calls",
+        "ariac.module_calls",
         "ariac.service_calls",
         "ariac_interfaces.2025",
         "ariac_msgs.2023",
