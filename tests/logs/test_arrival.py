@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ariac_score.logs.gather.arrival import LONGEST_DELAY_S, arrival_jitter_s, late_in_the_competition
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.model import Trial
-from ariac_score.trial.signals import Signal
+from ariac_score.trial.signals import Disbelieved, Signal
 from ariac_score.trial.spans import Span
 
 PERIOD_S = 0.01
@@ -59,9 +59,23 @@ def test_after_a_pause_a_message_may_be_as_late_as_it_lasted_up_to_a_quarter_sec
     assert arrival_jitter_s(t) == pytest.approx(late_s)
 
 
-def lateness_s(t: np.ndarray, *, stamped: bool = False) -> float:
+def lateness_s(
+    t: np.ndarray,
+    *,
+    stamped: bool = False,
+    holes: tuple[Span, ...] = (),
+    disbelieved: tuple[Disbelieved, ...] = (),
+) -> float:
     """Of a competition from 0.5 s to 1.5 s, recorded from 0 s to 2 s."""
-    signal = Signal("distance/arm/ann", "m", t, np.ones(len(t)), stamp_jitter_s=0.0 if stamped else 1e-3)
+    signal = Signal(
+        "distance/arm/ann",
+        "m",
+        t,
+        np.ones(len(t)),
+        holes=holes,
+        stamp_jitter_s=0.0 if stamped else 1e-3,
+        disbelieved=disbelieved,
+    )
     trial = Trial(
         "t",
         signals={signal.name: signal},
@@ -99,6 +113,24 @@ def test_silence_at_either_end_of_the_competition_is_an_interval() -> None:
     assert lateness_s(t[t < 1.4]) == pytest.approx(0.11, abs=1e-3)
     assert lateness_s(t[t < 0.4]) == LONGEST_DELAY_S
     assert lateness_s(t[t > 0.6], stamped=True) == 0.0
+
+
+@pytest.mark.parametrize(("until_s", "late_s"), [(1.0, 0.2), (1.2, 0.01)])
+def test_lost_messages_are_silence_unless_longer_than_any_delay(until_s: float, late_s: float) -> None:
+    t = PERIOD_S * np.arange(200)
+    lost = Span(0.8, until_s)
+    kept = t[(t < lost.start_s + 1e-9) | (t > lost.end_s - 1e-9)]
+
+    assert lateness_s(kept, holes=(lost,)) == pytest.approx(late_s, abs=1e-3)
+
+
+def test_what_came_and_is_not_believed_is_no_silence() -> None:
+    t = PERIOD_S * np.arange(200)
+    jump = Span(0.8, 1.0)
+    kept = t[(t < jump.start_s + 1e-9) | (t > jump.end_s - 1e-9)]
+
+    assert lateness_s(kept) == pytest.approx(0.2, abs=1e-3)
+    assert lateness_s(kept, disbelieved=(Disbelieved(jump, 0.81, 300.0),)) == pytest.approx(0.01, abs=1e-3)
 
 
 def test_too_few_messages_show_nothing() -> None:
