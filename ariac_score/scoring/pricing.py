@@ -404,8 +404,8 @@ class _Maker:
             inner = (
                 [] if isfinite(least) and isfinite(most) else [*self._said_of_terms(terms[name], used, seen)]
             )
-            if said := _ends_in_words(name, least, most):
-                yield from inner if len(inner) > 1 else [said]
+            said = _ends_in_words(name, least, most)
+            yield from inner if len(inner) > 1 else [said] if said else []
 
     def counts_of(self, used: frozenset[str]) -> str:
         return "withhold" if _withheld(self.assumed, used) else self.counts

@@ -38,13 +38,6 @@ _FACTS: Mapping[str, Measure] = {
     "aborted": Measure("count", best=0.0, worst=1.0, meaning="1 where it is stored as aborted, else 0"),
 }
 """What the record of a run holds, by the names of the trial's facts."""
-_SHARE: Mapping[str, Measure] = {
-    "cells_counted": Measure("count", signed=False, meaning="1 where the cells are counted, else 0"),
-    "classified_share": Measure(
-        "1", best=1.0, worst=0.0, signed=False, meaning="share of the defective cells that were named rightly"
-    ),
-}
-"""For formulas of what no more than a share is known of: a cell is reported once, so it is at most 1."""
 _LATE_S = 0.1
 """The simulator looks at its time limit in every step of 1 ms, so a run is no longer than by this."""
 _MOST_ORDERS = 1000
@@ -158,8 +151,7 @@ class RunRecord:
         that were to be handed in; `total_cells` and `defective_cells`;
         `avg_report_time_s`, 0 when nothing was reported, `num_reports_submitted`,
         `num_correct_reports`, `num_correct_report_classifications`; `completed` and
-        `aborted` as stored. `classified_share` is the share of the defective cells that were
-        named rightly, and `cells_counted` 1: where it is 0, no more than that share is known.
+        `aborted` as stored.
     Violated when:
         It is stored as aborted: it ended before all orders were in. Inconclusive when a
         number is missing, the time limit is not positive, or (unless `unfinished` is
@@ -176,7 +168,7 @@ class RunRecord:
     part_of: ClassVar[str] = "task"
 
     in_gaps: ClassVar[str] = "unsampled"
-    measures: ClassVar[Mapping[str, Measure]] = {**_FACTS, **_SHARE}
+    measures: ClassVar[Mapping[str, Measure]] = _FACTS
     also_about: ClassVar[tuple[str, ...]] = (_SUBJECT,)
 
     unfinished: Literal["undecided", "as_stored"] = "undecided"
@@ -210,8 +202,6 @@ class RunRecord:
             verdict = Verdict.VIOLATED if numbers["aborted"] else Verdict.SATISFIED
             ended = "aborted" if numbers["aborted"] else "not finished" if unfinished else "completed"
             words = f"{ended} after {numbers['duration_s']:.3f} s of {numbers['time_limit_s']:g} s"
-            defective, named = numbers["defective_cells"], numbers["num_correct_report_classifications"]
-            numbers |= {"cells_counted": 1.0, "classified_share": named / defective if defective else 0.0}
             yield Finding(_SUBJECT, verdict, words, quantities=numbers)
 
     def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
@@ -239,8 +229,6 @@ def _between(trial: Trial, stated: Mapping[str, float | None], why: str) -> Iter
         "num_high_priority": (float(announced), float(max(announced, _MOST_ORDERS))),
         "completed": (0.0, 1.0),
         "aborted": (0.0, 1.0),
-        "classified_share": (0.0, 1.0),
-        "cells_counted": (0.0, 0.0),
     }
     ends |= {name: (number, number) for name, number in known.items()}
     numbers = [{name: end[which] for name, end in ends.items()} for which in (0, 1)]

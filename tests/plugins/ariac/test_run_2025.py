@@ -389,8 +389,7 @@ def test_an_accepted_order_without_times_is_undecided() -> None:
 
 
 def test_a_run_has_all_its_numbers_aborted_or_not() -> None:
-    cells = {"cells_counted": 1.0, "classified_share": 1.0}
-    assert (watched().verdict, dict(watched().quantities)) == (SATISFIED, FACTS | cells)
+    assert (watched().verdict, dict(watched().quantities)) == (SATISFIED, FACTS)
     aborted = watched(aborted=1.0, completed=0.0)
     assert (aborted.verdict, aborted.quantities["duration_s"]) == (VIOLATED, 90)
 

@@ -971,7 +971,8 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
 # accepted, nor whether others were to come. A kit is missing at the end, so the run is aborted.
 #   kits: 5000 x (2 to 3) / (3 + 1 to 1000) = 9.97 to 3750; by the first weights a tenth of that
 #   modules: 12000; 800
-#   bonuses: none; by the first weights those for reports, high priority and cells, up to 125 + 150 + 100
+#   bonuses: none; by the first weights, as nothing bounds the share of cells that was named rightly, each by
+#   itself: 175 x (1 - 200/300) for time, which an aborted run does not get, up to 125 for reports, 150, and 500
 @pytest.mark.parametrize(
     ("rules", "known"),
     [
@@ -980,7 +981,11 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
             "the score at most 15750, kits 9.97 to 3750, modules 12000, bonuses 0, penalties at least 0",
         ),
         ("as_documented", "the score at most 15750, kits 9.97 to 3750, modules 12000, bonuses 0"),
-        ("first_weights", "the score at most 1550, kits 0.997 to 375, modules 800, bonuses 0 to 375"),
+        (
+            "first_weights",
+            "kits 0.997 to 375, modules 800, time_bonus 58.333 to 58.334, inspection_bonus 0 to 125, "
+            "high_priority_bonus 0 to 150, sensor_bonus 0 to 500, penalties at least 0",
+        ),
         ("safe", "kits 9.97 to 3750, modules 12000, bonuses 0, penalties at least 0"),
     ],
 )
@@ -1030,13 +1035,14 @@ def test_where_all_orders_are_in_those_of_high_priority_are(
 ) -> None:
     """All of 5000 and 12000; a third of the time left: 1000 x (1 - 200/300) = 333.333.
 
-    The urgent order took up to 170 s, so 0 to 600 x (1 - 0/150); reports up to 500, sensors up to 1000 and
-    defects up to 500: 333.333 to 2933.334 of bonuses, of which the run that goes on may lose more time.
+    The urgent order took up to 170 s, so 0 to 600 x (1 - 0/150); reports up to 500, sensors up to 1000.
+    Nothing bounds the bonus for defective cells that were named rightly, so those of the rest are said.
     """
+    others = "inspection_bonus 0 to 500, high_priority_bonus 0 to 600, sensor_bonus 0 to 1000"
     for until_s, known in (
-        (200.0, "the score at most 19933.334, kits 5000, modules 12000, bonuses 333.333 to 2933.334"),
+        (200.0, f"kits 5000, modules 12000, time_bonus 333.333 to 333.334, {others}"),
         # It ends within the limit of 300 s, and the step after it; and is not over before 180 s.
-        (180.0, "kits 5000, modules 12000, bonuses -0.334 to 3000"),
+        (180.0, f"kits 5000, modules 12000, time_bonus -0.334 to 400, {others}"),
     ):
         with subtests.test(until_s=until_s):
             log = stock_bag(tmp_path / f"run{until_s:g}", "2025", all_in_2025(until_s=until_s), monkeypatch)
