@@ -972,7 +972,7 @@ def test_a_stock_recording_of_2025_says_what_was_accepted_and_not_what_it_is_wor
 #   kits: 5000 x (2 to 3) / (3 + 1 to 1000) = 9.97 to 3750; by the first weights a tenth of that
 #   modules: 12000; 800
 #   bonuses: none; by the first weights, as nothing bounds the share of cells that was named rightly, each by
-#   itself: 175 x (1 - 200/300) for time, which an aborted run does not get, up to 125 for reports, 150, and 500
+#   itself: 175 x (1 - 200/300) for time, which an aborted run does not get, up to 125 for reports, 150, 500
 @pytest.mark.parametrize(
     ("rules", "known"),
     [
