@@ -1,12 +1,14 @@
 """A ranking after the decisions of stewards; the automatic ranking is kept as it is.
 
-A decision about a run changes the score of that run, and with it which runs are kept. It changes
-no other team's score: the values across teams stay those of the automatic ranking.
+A decision about a run changes the score of that run, and with it which runs are kept. Where the rules count
+what a team did in all of its runs of a trial, a verdict changes those, too. It changes no other team's score:
+the values across teams stay those of the automatic ranking.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal
 
@@ -17,7 +19,15 @@ from ariac_score.engine.price import reprice
 from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome, Stewarded, rank_again
+from ariac_score.ranking.rank import (
+    WITH_SCORE,
+    Ranking,
+    RunOutcome,
+    Stewarded,
+    beside_decided,
+    rank_again,
+    terms_of,
+)
 from ariac_score.ranking.spec import Spec
 from ariac_score.results.adjustments import Adjustments, apply, check_targets, priced_with
 from ariac_score.results.result import Result
@@ -53,11 +63,18 @@ def adjusted_ranking(
         decided.setdefault(_target(decision, ranking.runs).key, []).append(decision)
     runs = {run.key: run for run in ranking.runs}
     changed = {
-        key: _changed(runs[key], own, rule_set, ranking, adjustments.sha256)
+        key: _changed(runs[key], own, rule_set, spec, ranking, adjustments.sha256)
         if runs[key].result is not None
         else _ruled(runs[key], own, rule_set, adjustments.sha256)
         for key, own in decided.items()
     }
+    # What they say that a run did, its team did in all of its runs.
+    for key, run in beside_decided(ranking, spec, rule_set, changed).items():
+        own = decided.get(key, [])
+        if own:
+            changed[key] = _changed(run, own, rule_set, spec, ranking, adjustments.sha256)
+        elif (run.outcome, run.score, run.open) != (runs[key].outcome, runs[key].score, runs[key].open):
+            changed[key] = run
     after = rank_again(competition, spec, rule_set, ranking, changed)
     kept = tuple(as_kept(decision) for decision in adjustments.decisions)
     return replace(ranking, stewarded=Stewarded(after, kept, adjustments.sha256))
@@ -147,7 +164,12 @@ def _because(adjusted: Adjusted) -> str:
 
 
 def _changed(
-    run: RunOutcome, own: Sequence[Adjustment], rule_set: RuleSet, ranking: Ranking, sha256: str
+    run: RunOutcome,
+    own: Sequence[Adjustment],
+    rule_set: RuleSet,
+    spec: Spec,
+    ranking: Ranking,
+    sha256: str,
 ) -> RunOutcome:
     """A run as the decisions about it leave it."""
     assert run.result is not None  # its measurement is what the decision names
@@ -157,6 +179,11 @@ def _changed(
         result = reprice(result, rule_set, ranking.cohort.of_trial(run.trial))
     check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
     adjusted = apply(result, own, rule_set, sha256=sha256)
+    decided = replace(result, adjusted=adjusted)
+    terms = run.terms
+    if terms:
+        with suppress(FormulaError):
+            terms = terms_of(decided, spec, rule_set)
     return replace(
         run,
         outcome=_outcome(run, adjusted),
@@ -165,7 +192,8 @@ def _changed(
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
-        result=replace(result, adjusted=adjusted),
+        terms=terms,
+        result=decided,
         open=_ends(run, adjusted, _left_open(result, adjusted, rule_set)),
     )
 

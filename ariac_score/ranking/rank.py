@@ -12,7 +12,7 @@ drove by crashing or by not making the run.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Annotated, Any
@@ -32,9 +32,10 @@ from ariac_score.ranking.open_scores import (
     worst_ends,
 )
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
+from ariac_score.results.adjustments import counted_as_decided
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.doubt import counted, ends_where_runs_are_lost, why_withheld
+from ariac_score.results.doubt import ends_where_runs_are_lost, why_withheld
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
@@ -56,6 +57,7 @@ __all__ = [
     "RunOutcome",
     "Stewarded",
     "TeamRank",
+    "beside_decided",
     "cell_digits",
     "final_ranking",
     "is_scored",
@@ -63,6 +65,7 @@ __all__ = [
     "rank_again",
     "rank_results",
     "remarks_on_team",
+    "terms_of",
 ]
 
 OUTCOMES: Mapping[str, str] = {
@@ -263,10 +266,9 @@ def rank_results(
     outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
     kept = _kept(outcomes, spec)
     cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
-    pools = _pools(outcomes, rule_set)
-    opened = {(run.team, run.trial) for run in outcomes if run.open is not None}
+    others = _others(outcomes, rule_set)
     outcomes = [
-        _priced(run, kept, rule_set, cohort, pools, opened)
+        _priced(run, kept, rule_set, cohort, others.get(run.key))
         for run in sorted(outcomes, key=lambda run: run.key)
     ]
     return _ranking(competition, spec, rule_set, outcomes, cohort)
@@ -275,6 +277,41 @@ def rank_results(
 def final_ranking(ranking: Ranking) -> Ranking:
     """The ranking that counts: the adjusted one, where stewards decided something."""
     return ranking.stewarded.ranking if ranking.stewarded else ranking
+
+
+def beside_decided(
+    ranking: Ranking, spec: Spec, rule_set: RuleSet, changed: Mapping[RunKey, RunOutcome]
+) -> dict[RunKey, RunOutcome]:
+    """Automatic outcomes of the runs whose team stewards decided about in the same trial.
+
+    Where the rules count what all runs of a team did, a verdict about one is worth something in the others.
+
+    Args:
+        ranking: An automatic ranking.
+        spec: As for `ranking`.
+        rule_set: As for `ranking`.
+        changed: The runs that they decided about, as the decisions leave them.
+    """
+    groups = {(team, trial) for team, trial, _ in changed}
+    runs = [run for run in ranking.runs if (run.team, run.trial) in groups]
+    others = _others([changed.get(run.key, run) for run in runs], rule_set)
+    return {
+        run.key: _priced(
+            _outcome(run.key, run.result, rule_set, spec, partial=True), {}, rule_set, ranking.cohort, own
+        )
+        for run in runs
+        # What is cut off and not to be ranked has a result as well.
+        if run.result is not None and run.outcome != "unreadable" and (own := others.get(run.key))
+    }
+
+
+def terms_of(result: Result, spec: Spec, rule_set: RuleSet) -> dict[str, float]:
+    """The terms of the trial that runs are compared by, after the verdicts about it.
+
+    Raises:
+        FormulaError: One of them has no value.
+    """
+    return {name: _term(name, result, rule_set) for name in spec.terms}
 
 
 @in_own_decimals
@@ -366,7 +403,7 @@ def _outcome(
     if result.status == "incomplete" or (rule_set.sheet.task is not None and result.task is None):
         return RunOutcome(*key, "undecided", why_withheld(result), result=result, open=_ends(result))
     try:
-        terms = {name: _term(name, result, rule_set) for name in spec.terms}
+        terms = terms_of(result, spec, rule_set)
     except FormulaError as error:
         return RunOutcome(*key, "no_value", _error_text(error), result=result)
     return RunOutcome(
@@ -398,7 +435,7 @@ def _term(name: str, result: Result, rule_set: RuleSet) -> float:
     formula = Expression.parse(name, where=f"$.ranking: {name}")
     sheet, measured = rule_set.sheet, result.measured
     # In the world whose score counts: else a team would be ahead, or calm, for what its log does not show.
-    findings = measured.findings if sheet.needs_cohort else counted(result, rule_set).findings
+    findings = measured.findings if sheet.needs_cohort else counted_as_decided(result, rule_set).findings
     findings = assume(findings, rule_set.policies, priced=sheet.scored).findings
     trial, lasted = measured.scopes, measured.lasted
     if lasted is not None and DURATION in sheet.facts_in(formula):
@@ -453,54 +490,66 @@ def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
 
 
 @dataclass(frozen=True)
-class _Pool:
-    """What all runs of a team and trial did, which the rules call `runs.…`.
+class _Others:
+    """What all other runs of a team and trial did, which the rules call `runs.…` together with the own.
 
     Attributes:
-        values: The greatest of each term over the runs that are known.
+        values: The greatest of each term over those that are known.
         lost: Which run is not known, in words; empty where all are.
         withheld: Which run the rules withhold, in words; empty where they withhold none.
-        runs: How many there are.
+        are_open: Whether what one of them did is open.
     """
 
-    values: Mapping[str, Mapping[str, float]]
+    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lost: str = ""
     withheld: str = ""
-    runs: int = 1
+    are_open: bool = False
 
 
 _OF_ALL = "and the rules count what all runs did"
 
 
-def _pools(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[tuple[str, str], _Pool]:
-    """For each team and trial the greatest values."""
+def _others(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[RunKey, _Others]:
+    """For each run that has others what they did; nothing where the rules do not ask."""
     names = rule_set.sheet.pooled
-    pools: dict[tuple[str, str], _Pool] = {}
-    for key in {(run.team, run.trial) for run in outcomes} if names else ():
-        runs = sorted((r for r in outcomes if (r.team, r.trial) == key), key=lambda run: run.number)
-        pools[key] = _pool(runs, names, rule_set)
-    return pools
+    groups: dict[tuple[str, str], list[RunOutcome]] = {}
+    for run in sorted(outcomes, key=lambda run: run.number) if names else ():
+        groups.setdefault((run.team, run.trial), []).append(run)
+    found = {}
+    for runs in groups.values():
+        did = {run.key: _did(run, names, rule_set) for run in runs} if len(runs) > 1 else {}
+        for run in runs if did else ():
+            found[run.key] = _together([did[other.key] for other in runs if other.key != run.key])
+    return found
 
 
-def _pool(runs: Sequence[RunOutcome], names: Sequence[str], rule_set: RuleSet) -> _Pool:
-    totals: dict[str, list[float]] = {name: [] for name in names}
-    lost = withheld = ""
-    for run in runs:
-        if run.outcome == "undecided":
-            withheld = withheld or f"run {run.number} is undecided, {_OF_ALL}"
-        elif run.result is None or not _says_what_it_did(run):
-            lost = lost or f"run {run.number} is {run.outcome}, {_OF_ALL}"
-        else:
-            try:
-                own = {name: _term(name, run.result, rule_set) for name in names}
-            except FormulaError as error:
-                lost = lost or f"run {run.number}: {error.cause}, {_OF_ALL}"
-                continue
-            for name, value in own.items():
-                totals[name].append(value)
-    # The greatest: of all that never falls with one more run only that stays as it is when a run is repeated.
-    values = {f"runs.{name}": {"": max(found)} for name, found in totals.items() if found}
-    return _Pool(values, lost, withheld, len(runs))
+def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
+    """What one run did."""
+    if run.outcome == "undecided":
+        return _Others(withheld=f"run {run.number} is undecided, {_OF_ALL}")
+    if run.result is None or not _says_what_it_did(run):
+        return _Others(lost=f"run {run.number} is {run.outcome}, {_OF_ALL}")
+    try:
+        values = {f"runs.{name}": {"": _term(name, run.result, rule_set)} for name in names}
+    except FormulaError as error:
+        return _Others(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
+    return _Others(values, are_open=run.open is not None)
+
+
+def _together(others: Sequence[_Others]) -> _Others:
+    """What several runs did: of all that never falls with one more run only the greatest stays as it is when
+    a run is repeated.
+    """
+    values: dict[str, float] = {}
+    for one in others:
+        for name, by in one.values.items():
+            values[name] = max(by[""], values.get(name, by[""]))
+    return _Others(
+        {name: {"": value} for name, value in values.items()},
+        next((one.lost for one in others if one.lost), ""),
+        next((one.withheld for one in others if one.withheld), ""),
+        any(one.are_open for one in others),
+    )
 
 
 def _says_what_it_did(run: RunOutcome) -> bool:
@@ -514,24 +563,22 @@ def _priced(
     kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
     rule_set: RuleSet,
     cohort: Cohort | None,
-    pools: Mapping[tuple[str, str], _Pool],
-    opened: Collection[tuple[str, str]],
+    others: _Others | None,
 ) -> RunOutcome:
     """A run with its score, where the rules compare teams or runs, and whether it is kept.
 
-    What all runs did is priced in the world that counts. Where one of them is open (`opened`), the score may
+    What others of its team did is priced in the world that counts. Where one of them is open, the score may
     also be what it is by the run alone: others can only add to what this one did.
     """
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
-    pool = pools.get((run.team, run.trial))
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
         # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
-        alone = cohort is None and (pool is None or pool.runs == 1)
+        alone = cohort is None and others is None
         return replace(run, kept=counts, open=run.open if alone else None)
-    if cohort is None and pool is None:
+    if cohort is None and others is None:
         return replace(run, kept=counts)
     values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
-    values = replace(values, values={**values.values, **(pool.values if pool else {})})
+    values = replace(values, values={**values.values, **(others.values if others else {})})
     try:
         result = reprice(run.result, rule_set, values)
     except FormulaError as error:
@@ -539,19 +586,19 @@ def _priced(
     if result.score is None:
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
     ends = _ends(result)
-    is_open = (run.team, run.trial) in opened
-    if pool is not None and is_open and run.score is not None:
+    if others is not None and others.are_open and run.score is not None:
         by_itself = run.open or Ends(run.score, run.score)
         ends = (ends or Ends(result.score, result.score)).around(by_itself.least).around(by_itself.most)
     priced = replace(run, score=result.score, result=result, kept=counts, open=ends)
     # At its best, another open run of the same team may have done more than it counts.
-    more = is_open and rule_set.counts == "best" and pool is not None and pool.runs > 1
-    if pool is None or not (pool.lost or pool.withheld or more):
+    if others is None or not (
+        others.lost or others.withheld or (others.are_open and rule_set.counts == "best")
+    ):
         return priced
-    return _beside_lost(priced, pool, rule_set, values)
+    return _beside_lost(priced, others, rule_set, values)
 
 
-def _beside_lost(run: RunOutcome, pool: _Pool, rule_set: RuleSet, known: CohortValues) -> RunOutcome:
+def _beside_lost(run: RunOutcome, others: _Others, rule_set: RuleSet, known: CohortValues) -> RunOutcome:
     """A run beside one that may have done anything, where the rules count what all runs did.
 
     A lost log costs nobody: the runs that are known count what they are worth by what is known. What the
@@ -564,13 +611,13 @@ def _beside_lost(run: RunOutcome, pool: _Pool, rule_set: RuleSet, known: CohortV
     if bounds is not None:
         ends = (run.open or Ends(run.score, run.score)).around(bounds[0]).around(bounds[1])
         ends = None if ends.least == ends.most else ends
-    if pool.withheld or bounds is None:
+    if others.withheld or bounds is None:
         nothing = "" if bounds is not None else "; nothing bounds what that makes of the score"
-        cause = (pool.withheld or pool.lost) + nothing
+        cause = (others.withheld or others.lost) + nothing
         return replace(run, outcome="undecided", cause=cause, score=None, kept=False, open=ends)
-    if not pool.lost or ends is None:
+    if not others.lost or ends is None:
         return replace(run, open=ends)
-    said = f"{pool.lost}: scored by those that are known, and possibly from {ends.least:f} to {ends.most:f}"
+    said = f"{others.lost}: scored by those that are known, and possibly from {ends.least:f} to {ends.most:f}"
     return replace(run, cause="; ".join(filter(None, (run.cause, said))), open=ends)
 
 

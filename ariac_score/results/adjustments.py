@@ -15,11 +15,12 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import DataFileError, did_you_mean
+from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result
 from ariac_score.results.still_open import as_counted, still_open
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.interval import ScoreInterval
-from ariac_score.scoring.pricing import Priced, price
+from ariac_score.scoring.pricing import CountedWorld, Priced, counted_world, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.steward import (
     Adjusted,
@@ -36,6 +37,7 @@ __all__ = [
     "adjustments_template",
     "apply",
     "check_targets",
+    "counted_as_decided",
     "interval_that_counts",
     "load_adjustments",
     "priced_with",
@@ -260,6 +262,27 @@ def priced_with(result: Result, findings: Mapping[str, Finding], rule_set: RuleS
         digits=rule_set.digits,
         cohort=result.cohort,
         measures=result.measured.measures,
+        left_open=still_open(result, findings, rule_set),
+    )
+
+
+def counted_as_decided(result: Result, rule_set: RuleSet) -> CountedWorld:
+    """The world whose score counts after the verdicts about a result.
+
+    Raises:
+        FormulaError: The score has no value.
+    """
+    decisions = () if result.adjusted is None else result.adjusted.adjustments
+    if not any(decision.verdict for decision in decisions):
+        return counted(result, rule_set)
+    findings, measured = with_verdicts(result.measured.findings, decisions), result.measured
+    return counted_world(
+        as_counted(result, findings, rule_set),
+        measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        cohort=result.cohort,
+        measures=measured.measures,
         left_open=still_open(result, findings, rule_set),
     )
 
