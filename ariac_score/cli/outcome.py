@@ -13,8 +13,9 @@ from ariac_score.checks.findings import Verdict
 from ariac_score.engine.ask import ONLY_OFFICIAL
 from ariac_score.errors import UsageError, did_you_mean
 from ariac_score.report.exports import export_names, exported
-from ariac_score.report.openness import narrowing_text, open_sentence, undecided_text
+from ariac_score.report.openness import adjusted_sentence, narrowing_text, open_sentence, undecided_text
 from ariac_score.report.text import score_text
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import as_json
 from ariac_score.review.readiness import taking_the_official_text
@@ -74,10 +75,17 @@ def exit_code_of(result: Result, failed: Sequence[str]) -> int:
     """Say on stderr what the log of a result leaves open and which criteria failed; the exit code for it."""
     for criterion in failed:
         print(f"failed: {criterion}", file=sys.stderr)
-    if result.final is None or result.is_open:
+    if _is_open(result):
         _print_what_is_open(result)
         return EXIT_UNDECIDED
     return EXIT_CRITERION if failed else 0
+
+
+def _is_open(result: Result) -> bool:
+    """Whether the score that counts is not one number."""
+    return result.final is None or (
+        result.is_open if result.adjusted is None else interval_that_counts(result) is not None
+    )
 
 
 def _shown(result: Result, arguments: argparse.Namespace) -> str:
@@ -89,7 +97,8 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
 
 
 def _print_what_is_open(result: Result) -> None:
-    narrowing = result.interval.narrowing if result.interval is not None else ()
+    interval = interval_that_counts(result)
+    narrowing = () if interval is None else interval.narrowing
     withheld: dict[str, list[str]] = {}
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
@@ -102,11 +111,11 @@ def _print_what_is_open(result: Result) -> None:
         if others:
             names = " or ".join(others)
             print(f"hint: {names} takes what the official text prints: --rules {others[0]}", file=sys.stderr)
-    if result.interval is not None and (narrowing or not withheld):
-        print(f"undecided: {open_sentence(result)}", file=sys.stderr)
+    if interval is not None and (narrowing or not withheld):
+        print(f"undecided: {adjusted_sentence(result) or open_sentence(result)}", file=sys.stderr)
         for cause in narrowing[:MOST_NAMED]:
             print(f"undecided: {plain(narrowing_text(cause))}", file=sys.stderr)
-    for what in result.measured.unrecorded if result.is_open else ():
+    for what in result.measured.unrecorded if _is_open(result) else ():
         print(f"not recorded: {plain(what)}", file=sys.stderr)
     if result.missing:
         print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)

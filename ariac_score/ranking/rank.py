@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
+from math import isfinite
 from typing import Annotated, Any
 
 from msgspec import Meta
@@ -32,15 +33,15 @@ from ariac_score.ranking.open_scores import (
     worst_ends,
 )
 from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
-from ariac_score.results.adjustments import counted_as_decided
+from ariac_score.results.adjustments import counted_as_decided, ends_as_decided
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
 from ariac_score.results.doubt import ends_where_runs_are_lost, why_withheld
 from ariac_score.results.result import Pinned, Result
-from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.cohort import LEAST, MOST, CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number, add_up
-from ariac_score.scoring.left_open import DURATION
+from ariac_score.scoring.left_open import DURATION, OF_RUNS
 from ariac_score.scoring.policy import assume
 from ariac_score.scoring.pricing import Contributed
 from ariac_score.scoring.ruleset import RuleSet
@@ -491,19 +492,17 @@ def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
 
 @dataclass(frozen=True)
 class _Others:
-    """What all other runs of a team and trial did, which the rules call `runs.…` together with the own.
+    """What other runs of a team and trial did, which the rules call `runs.…` together with the own.
 
     Attributes:
-        values: The greatest of each term over those that are known.
+        values: The greatest of each term over those that are known, as `CohortValues` has them.
         lost: Which run is not known, in words; empty where all are.
         withheld: Which run the rules withhold, in words; empty where they withhold none.
-        are_open: Whether what one of them did is open.
     """
 
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lost: str = ""
     withheld: str = ""
-    are_open: bool = False
 
 
 _OF_ALL = "and the rules count what all runs did"
@@ -529,26 +528,33 @@ def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
         return _Others(withheld=f"run {run.number} is undecided, {_OF_ALL}")
     if run.result is None or not _says_what_it_did(run):
         return _Others(lost=f"run {run.number} is {run.outcome}, {_OF_ALL}")
-    try:
-        values = {f"runs.{name}": {"": _term(name, run.result, rule_set)} for name in names}
-    except FormulaError as error:
-        return _Others(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
-    return _Others(values, are_open=run.open is not None)
+    values, lost = {}, ""
+    for name in names:
+        try:
+            value = _term(name, run.result, rule_set)
+            least, most = (value, value) if run.open is None else ends_as_decided(name, run.result, rule_set)
+        except FormulaError as error:
+            return _Others(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
+        if not isfinite(most):
+            lost, most = f"nothing bounds what run {run.number} did, {_OF_ALL}", value
+        least, most = min(least, value), max(most, value)
+        values[f"{OF_RUNS}{name}"] = {"": value} | ({LEAST: least, MOST: most} if least < most else {})
+    return _Others(values, lost)
 
 
 def _together(others: Sequence[_Others]) -> _Others:
     """What several runs did: of all that never falls with one more run only the greatest stays as it is when
     a run is repeated.
     """
-    values: dict[str, float] = {}
-    for one in others:
-        for name, by in one.values.items():
-            values[name] = max(by[""], values.get(name, by[""]))
+    values: dict[str, Mapping[str, float]] = {}
+    for name in {name: None for one in others for name in one.values}:
+        own = [one.values[name] for one in others if name in one.values]
+        value, least, most = (max(by.get(end, by[""]) for by in own) for end in ("", LEAST, MOST))
+        values[name] = {"": value} | ({LEAST: least, MOST: most} if least < most else {})
     return _Others(
-        {name: {"": value} for name, value in values.items()},
+        values,
         next((one.lost for one in others if one.lost), ""),
         next((one.withheld for one in others if one.withheld), ""),
-        any(one.are_open for one in others),
     )
 
 
@@ -567,8 +573,7 @@ def _priced(
 ) -> RunOutcome:
     """A run with its score, where the rules compare teams or runs, and whether it is kept.
 
-    What others of its team did is priced in the world that counts. Where one of them is open, the score may
-    also be what it is by the run alone: others can only add to what this one did.
+    What others of its team did is priced as it counts; where that is open, so is the score.
     """
     counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
@@ -585,15 +590,8 @@ def _priced(
         return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
     if result.score is None:
         return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
-    ends = _ends(result)
-    if others is not None and others.are_open and run.score is not None:
-        by_itself = run.open or Ends(run.score, run.score)
-        ends = (ends or Ends(result.score, result.score)).around(by_itself.least).around(by_itself.most)
-    priced = replace(run, score=result.score, result=result, kept=counts, open=ends)
-    # At its best, another open run of the same team may have done more than it counts.
-    if others is None or not (
-        others.lost or others.withheld or (others.are_open and rule_set.counts == "best")
-    ):
+    priced = replace(run, score=result.score, result=result, kept=counts, open=_ends(result))
+    if others is None or not (others.lost or others.withheld):
         return priced
     return _beside_lost(priced, others, rule_set, values)
 

@@ -8,13 +8,16 @@ from decimal import Decimal
 
 from msgspec import UnsetType
 
+from ariac_score.checks.open_findings import by_source
 from ariac_score.report.figures import amount_text, rounded_points
+from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import undecided_text
 from ariac_score.results.result import Result
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import taken_by
 
 __all__ = [
+    "adjusted_sentence",
     "between",
     "bounds_text",
     "is_at_worst",
@@ -22,6 +25,7 @@ __all__ = [
     "open_sentence",
     "undecided_text",
     "which_counts",
+    "would_narrow",
 ]
 
 _MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
@@ -74,6 +78,16 @@ def open_sentence(result: Result, digits: int | None = None) -> str:
     return f"the {automatic}score lies {loosely}{between(interval, digits)}; {counts}"
 
 
+def adjusted_sentence(result: Result) -> str:
+    """Between which ends the adjusted score lies; empty where there is none, or one number."""
+    left = None if result.adjusted is None else interval_that_counts(result)
+    if left is None:
+        return ""
+    return (
+        f"the adjusted score lies {'' if left.tight else 'somewhere '}{between(left)}; {which_counts(left)}"
+    )
+
+
 def _not_the_team_s(interval: ScoreInterval) -> str:
     """What of it hangs on what was not recorded; empty where nothing does."""
     if isinstance(interval.unseen, UnsetType) or interval.counts != "worst":
@@ -105,6 +119,26 @@ def is_at_worst(result: Result) -> bool:
     """Whether something undecided took of the task score, which is what it is before others are looked at."""
     taken = taken_by(result.task)
     return any(one.finding in taken for one in result.assumptions)
+
+
+def would_narrow(result: Result, spoken: Callable[[str], str] = str) -> list[str]:
+    """What would narrow the score that counts, most first; without a score all that lacks for one.
+
+    Args:
+        result: The result.
+        spoken: What makes texts harmless to show.
+    """
+    interval = interval_that_counts(result)
+    if interval is not None:
+        return [narrowing_text(one, spoken) for one in interval.narrowing]
+    if result.final is not None or result.adjusted is not None:
+        return []
+    # Without a score nobody can say what each is worth, but what lacks is known.
+    lacking = [*by_source([one.causes for one in result.measured.open])]
+    if lacking:
+        filled = {one.check for one in result.measured.open}
+        lacking += dict.fromkeys(one.message for one in result.assumptions if one.check not in filled)
+    return [spoken(one) for one in lacking]
 
 
 def narrowing_text(one: Narrowing, spoken: Callable[[str], str] = str) -> str:

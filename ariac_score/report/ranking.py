@@ -14,6 +14,7 @@ from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
 from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Statistics
+from ariac_score.report.openness import would_narrow
 from ariac_score.report.spreadsheet import text_cell
 from ariac_score.report.statements import is_unattested, unattested
 from ariac_score.report.text import amount_text
@@ -22,6 +23,8 @@ from ariac_score.terminal.style import Style, plain
 __all__ = ["changes_text", "design_text", "ranking_csv", "ranking_text", "strict_text"]
 
 _ORDINARY = ("scored",)
+_MOST_CAUSES = 3
+"""Of the open runs of a team, so many are named with what would narrow them; all have a page and a result."""
 
 
 def ranking_text(
@@ -131,10 +134,11 @@ def _row(standing: TeamRank, ranking: Ranking, *, judged: bool) -> list[str]:
 
 def _open(ranking: Ranking, style: Style) -> Iterator[str]:
     """Between which ends the scores and ranks of teams lie whose logs leave something open."""
-    standings = [s for s in final_ranking(ranking).standings if s.open is not None]
+    final = final_ranking(ranking)
+    standings = [s for s in final.standings if s.open is not None]
     if not standings:
         return
-    yield style("What logs leave open", "bold")
+    yield style("What logs leave open" + ("" if final is ranking else ", as adjusted"), "bold")
     yield style(
         "  not how sure the ranks are: what was not recorded; never added to the intervals below", "dim"
     )
@@ -149,6 +153,20 @@ def _open(ranking: Ranking, style: Style) -> Iterator[str]:
         runs = f" ({_many(ends.runs, 'open run')})" if ends.runs else ""
         score = amount_text(ends.execution.least) if same else said
         yield f"  {plain(standing.name)}: score {score}{rank}{runs}"
+        yield from _causes([run for run in final.runs if run.team == standing.team])
+
+
+def _causes(runs: Sequence[RunOutcome]) -> Iterator[str]:
+    """What would narrow the scores of a team's open runs most."""
+    said: dict[str, None] = {}
+    for run in runs:
+        lines = would_narrow(run.result, plain) if run.open is not None and run.result is not None else []
+        if lines:
+            more = f", and {len(lines) - 1} more" if len(lines) > 1 else ""
+            said[f"    {plain(run.trial)}, run {run.number}: {lines[0]}{more}"] = None
+    yield from [*said][:_MOST_CAUSES]
+    if len(said) > _MOST_CAUSES:
+        yield f"    … and {len(said) - _MOST_CAUSES} more open runs"
 
 
 def _sure(ranking: Ranking, statistics: Statistics, style: Style) -> Iterator[str]:

@@ -245,7 +245,7 @@ class _Teller:
             more = f" and {count_in_words(rest, 'other cause', 'other causes')}" if rest > 0 else ""
             return open_sentence(result, result.digits) + (f" (open because of {why}{more})" if why else "")
         if result.score is None:
-            if not many:
+            if not many or result.missing:
                 why = _cut(why_withheld(result), _LONGEST_MESSAGE)
                 return f"there is no score, because {why}"
             first = _cut(result.assumptions[0].message, _LONGEST_MESSAGE)

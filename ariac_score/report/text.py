@@ -11,21 +11,18 @@ from decimal import Decimal
 from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.checks.open_findings import by_source
 from ariac_score.report.figures import amount_text
 from ariac_score.report.openness import (
-    between,
+    adjusted_sentence,
     bounds_text,
     is_at_worst,
-    narrowing_text,
     open_sentence,
-    which_counts,
+    would_narrow,
 )
 from ariac_score.report.places import Places
 from ariac_score.report.statements import changes_nothing, left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
-from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.review.lost_points import without_alone
@@ -72,10 +69,8 @@ def _headline(result: Result, style: Style) -> Iterator[str]:
     measured = result.measured
     if result.adjusted is not None:
         yield _adjusted_headline(result.adjusted, style)
-        left = interval_that_counts(result)
-        if left is not None:
-            loosely = "" if left.tight else "somewhere "
-            yield style(f"the adjusted score lies {loosely}{between(left)}; {which_counts(left)}", "yellow")
+        if left := adjusted_sentence(result):
+            yield style(left, "yellow")
     if result.score is not None:
         looks = ("bold", "green" if result.score > 0 else "yellow")
         possible = f" of {amount_text(result.possible)} possible" if result.possible is not None else ""
@@ -299,24 +294,17 @@ def _more(count: int, style: Style) -> Iterator[str]:
 
 
 def _narrowing(result: Result, style: Style) -> Iterator[str]:
-    """What would narrow the interval of the score, most first."""
-    if result.interval is None:
-        # Without a score nobody can say what each is worth, but what lacks is known.
-        lacking = [*by_source([one.causes for one in result.measured.open])] if result.score is None else []
-        if lacking:
-            filled = {one.check for one in result.measured.open}
-            others = (a.message for a in result.assumptions if a.check not in filled)
-            lacking += dict.fromkeys(others)
-            yield style("What would narrow it", "bold")
-            yield from (f"  {plain(one)}" for one in lacking[:_SHOWN])
-            yield from _more(len(lacking) - _SHOWN, style)
-        return
-    if not result.interval.narrowing:
+    """What would narrow the score, most first."""
+    lines = would_narrow(result, plain)
+    if not lines:
         return
     yield style("What would narrow it", "bold")
-    yield from (f"  {narrowing_text(one, plain)}" for one in result.interval.narrowing[:_SHOWN])
-    if len(result.interval.narrowing) > _SHOWN:
-        yield style(f"  … and {len(result.interval.narrowing) - _SHOWN} more; see the result", "dim")
+    yield from (f"  {one}" for one in lines[:_SHOWN])
+    if result.score is None:
+        yield from _more(len(lines) - _SHOWN, style)
+        return
+    if len(lines) > _SHOWN:
+        yield style(f"  … and {len(lines) - _SHOWN} more; see the result", "dim")
     if bounds := bounds_text(result):
         yield style(f"  {plain(bounds)}", "dim")
 

@@ -15,12 +15,13 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.documents.schema import validate
 from ariac_score.documents.yaml import YamlDocument, load_yaml
 from ariac_score.errors import DataFileError, did_you_mean
-from ariac_score.results.doubt import counted
+from ariac_score.results.doubt import as_scored
 from ariac_score.results.result import Result
 from ariac_score.results.still_open import as_counted, still_open
 from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.interval import ScoreInterval
-from ariac_score.scoring.pricing import CountedWorld, Priced, counted_world, price
+from ariac_score.scoring.left_open import LeftOpen
+from ariac_score.scoring.pricing import CountedWorld, Priced, counted_world, ends_of_term, price
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.scoring.steward import (
     Adjusted,
@@ -38,6 +39,7 @@ __all__ = [
     "apply",
     "check_targets",
     "counted_as_decided",
+    "ends_as_decided",
     "interval_that_counts",
     "load_adjustments",
     "priced_with",
@@ -272,19 +274,43 @@ def counted_as_decided(result: Result, rule_set: RuleSet) -> CountedWorld:
     Raises:
         FormulaError: The score has no value.
     """
-    decisions = () if result.adjusted is None else result.adjusted.adjustments
-    if not any(decision.verdict for decision in decisions):
-        return counted(result, rule_set)
-    findings, measured = with_verdicts(result.measured.findings, decisions), result.measured
+    findings, left_open = _decided(result, rule_set)
     return counted_world(
-        as_counted(result, findings, rule_set),
-        measured.scopes,
+        findings,
+        result.measured.scopes,
         rule_set.sheet,
         rule_set.policies,
         cohort=result.cohort,
-        measures=measured.measures,
-        left_open=still_open(result, findings, rule_set),
+        measures=result.measured.measures,
+        left_open=left_open,
     )
+
+
+def ends_as_decided(name: str, result: Result, rule_set: RuleSet) -> tuple[float, float]:
+    """Between what a term of the trial lies after verdicts about a result; infinite where nothing bounds it.
+
+    Raises:
+        FormulaError: It has no value.
+    """
+    findings, left_open = _decided(result, rule_set)
+    return ends_of_term(
+        name,
+        findings,
+        result.measured.scopes,
+        rule_set.sheet,
+        rule_set.policies,
+        measures=result.measured.measures,
+        left_open=left_open,
+    )
+
+
+def _decided(result: Result, rule_set: RuleSet) -> tuple[Mapping[str, Finding], LeftOpen]:
+    """The findings of a result, and what it leaves open, after the verdicts about it."""
+    decisions = () if result.adjusted is None else result.adjusted.adjustments
+    if not any(decision.verdict for decision in decisions):
+        return result.measured.findings, as_scored(result, rule_set)
+    findings = with_verdicts(result.measured.findings, decisions)
+    return as_counted(result, findings, rule_set), still_open(result, findings, rule_set)
 
 
 @in_own_decimals

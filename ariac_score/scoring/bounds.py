@@ -15,7 +15,7 @@ from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.errors import FormulaError
 from ariac_score.scoring.charge import charge
-from ariac_score.scoring.cohort import CohortValues
+from ariac_score.scoring.cohort import LEAST, MOST, CohortValues
 from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.left_open import DEPTH, DURATION, Variable
 from ariac_score.scoring.scope import Scope, is_inside, lasting
@@ -140,6 +140,10 @@ class Worlds:
             found.update(one.world(worst=pins.get(one.key, next(inner, worst))))
         return found
 
+    def cohort_in(self, pins: Pins) -> CohortValues:
+        """The values across teams and runs of a world."""
+        return self.cohort.at(pins)
+
     def trial_in(self, pins: Pins) -> Scope:
         """The scopes of a world: those of the log, with a duration that is pinned where it has an end."""
         if self.lasts_s is None or DURATION not in pins:
@@ -186,11 +190,17 @@ class _Around:
             return self._duration() if dotted == DURATION else constant(self.names.name(dotted).value)
         own = self.evaluation.term(*term)
         pooled = self.worlds.cohort.values.get(dotted, {}) if dotted.startswith("runs.") else {}
-        known = most_of([own, constant(pooled[""])]) if "" in pooled else own
+        known = most_of([own, self._of_others(dotted, pooled)]) if "" in pooled else own
         if dotted not in self.worlds.beyond or self.evaluation.pins.get(dotted) is False:
             return known
         signs = known.signs if dotted in self.evaluation.pins else {**known.signs, dotted: Sign.UP}
         return Typed(known.least, inf, signs)
+
+    def _of_others(self, dotted: str, pooled: Mapping[str, float]) -> Typed:
+        """What other runs of the team did at most."""
+        if LEAST not in pooled:
+            return constant(pooled[""])
+        return self.evaluation.input(dotted, pooled[LEAST], pooled[MOST])
 
     def _duration(self) -> Typed:
         """How long the competition lasted."""

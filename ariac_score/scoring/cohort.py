@@ -8,11 +8,15 @@ contributes and which teams count; formulas name it `cohort.<name>`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ariac_score.scoring.expression import Expression, Number
 
-__all__ = ["CohortTerm", "CohortValues", "Contribution"]
+__all__ = ["LEAST", "MOST", "CohortTerm", "CohortValues", "Contribution"]
+
+
+LEAST, MOST = "least", "most"
+"""Of `runs.…`, which is of the trial and has no path but the empty one: its ends, where a run is open."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +45,30 @@ class CohortTerm:
 
 @dataclass(frozen=True)
 class CohortValues:
-    """The values across teams that one trial is priced with.
+    """The values across teams that one trial is priced with, and those of other runs of the team (`runs.…`).
 
     Attributes:
         sha256: Of the cohort they were taken from; empty for none.
-        values: By name and path of the scope (empty for the trial).
+        values: By name and path of the scope (empty for the trial). Of `runs.…` the value that counts, and
+            `LEAST` and `MOST` where logs of other runs leave that open.
     """
 
     sha256: str = ""
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def open_runs(self) -> Mapping[str, tuple[float, float]]:
+        """Least and most of each `runs.…` that is open."""
+        return {name: (by[LEAST], by[MOST]) for name, by in self.values.items() if LEAST in by}
+
+    def at(self, worst: Mapping[str, bool]) -> CohortValues:
+        """The same with open `runs.…` at one of their ends; those that are not named count as they do."""
+        ends = {
+            name: {**self.values[name], "": both[worst[name]]}
+            for name, both in self.open_runs.items()
+            if name in worst
+        }
+        return replace(self, values={**self.values, **ends}) if ends else self
 
 
 @dataclass(frozen=True)

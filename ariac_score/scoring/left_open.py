@@ -9,13 +9,16 @@ from math import ceil, inf
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, OpenFindings
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.trial.spans import Span
 from ariac_score.trial.window import Lasted
 
-__all__ = ["DURATION", "NOT_SEEN", "TIMES", "LeftOpen", "Variable", "variables_of"]
+__all__ = ["DURATION", "NOT_SEEN", "OF_RUNS", "TIMES", "LeftOpen", "Variable", "variables_of"]
 
 DURATION = "trial.duration_s"
 """The one fact that a log can leave open, as formulas name it."""
+OF_RUNS = "runs."
+"""How the names begin of what all runs of a team did."""
 
 TIME, DEPTH = "time_in_violation_s", "relative_depth_integral_s"
 TIMES = (TIME, DEPTH)
@@ -62,7 +65,8 @@ class Variable:
 
     Attributes:
         key: Its name among the inputs of a formula.
-        check: Whose findings; `DURATION`, which has none: the duration of the trial is its one limit.
+        check: Whose findings; `DURATION`, which has none: the duration of the trial is its one limit; or a
+            `runs.…`, what other runs of the team did, likewise.
         subject: Whom they are about.
         best: The findings in its best world, by id.
         worst: Those in its worst world.
@@ -93,6 +97,11 @@ class Variable:
     endless: bool = False
     turns: bool = False
 
+    @property
+    def is_input(self) -> bool:
+        """Whether it is a number itself, and nothing that a check found."""
+        return self.check == DURATION or self.check.startswith(OF_RUNS)
+
     def world(self, *, worst: bool) -> Mapping[str, Finding]:
         """Its findings in one of its two worlds."""
         return self.worst if worst else self.best
@@ -103,15 +112,17 @@ def variables_of(
     left_open: LeftOpen,
     open_checks: Iterable[str],
     measures: Mapping[str, Mapping[str, Measure]],
+    cohort: CohortValues | None = None,
 ) -> list[Variable]:
     """What is open among the findings of some checks.
 
     Args:
         findings: As the checks saw them, by id.
         left_open: What the log leaves open.
-        open_checks: The checks whose undecided findings have no policy of their own, and `DURATION` where
-            that is to be priced.
+        open_checks: The checks whose undecided findings have no policy of their own, and `DURATION` and
+            those `runs.…` that are to be priced.
         measures: What checks declare of their quantities, by check and quantity.
+        cohort: With what other runs of the team did.
     """
     among = frozenset(open_checks)
     found: list[Variable] = []
@@ -136,25 +147,38 @@ def variables_of(
                 found.append(_undecided(key, finding, measures.get(finding.check, {})))
     if left_open.lasted is not None and DURATION in among:
         found.append(_duration(left_open.lasted))
-    return found
+    open_runs = {} if cohort is None else cohort.open_runs
+    return found + [_of_others(name, *ends) for name, ends in open_runs.items() if name in among]
 
 
 def _duration(lasted: Lasted) -> Variable:
     """How long the competition lasted: at its worst, as a limit, it was the longest."""
+    longest_s = inf if lasted.most_s is None else lasted.most_s
+    return _number(DURATION, lasted.least_s, longest_s, lasted.why, tight=True)
+
+
+def _number(name: str, least: float, most: float, why: str, *, tight: bool) -> Variable:
+    """Something that is a number itself, by its name in formulas."""
     return Variable(
-        key=DURATION,
-        check=DURATION,
+        key=name,
+        check=name,
         subject="",
         best={},
         worst={},
         seen=(),
-        causes=(Cause(lasted.why),),
+        causes=(Cause(why),),
         is_verdict=False,
-        tight=True,
+        tight=tight,
         fewest=0,
         most=0,
-        limits={DURATION: (lasted.least_s, inf if lasted.most_s is None else lasted.most_s)},
+        limits={name: (least, most)},
     )
+
+
+def _of_others(name: str, least: float, most: float) -> Variable:
+    """What other runs of the team did."""
+    why = "another run of the team, which is open itself, and the rules count what all runs did"
+    return _number(name, least, most, why, tight=False)
 
 
 def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool, watched: bool) -> Variable:

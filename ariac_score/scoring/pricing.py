@@ -21,7 +21,8 @@ from ariac_score.scoring.decimals import in_own_decimals
 from ariac_score.scoring.expression import Expression, Number
 from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.ledger import Ledger, Line, make_ledger, rounded
-from ariac_score.scoring.left_open import DURATION, LeftOpen, Variable, variables_of
+from ariac_score.scoring.left_open import DURATION, OF_RUNS, LeftOpen, Variable, variables_of
+from ariac_score.scoring.levels import TRIAL
 from ariac_score.scoring.policy import OPEN, Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
 from ariac_score.scoring.settled import Settled, ends_around, interval_of, settle
@@ -35,6 +36,7 @@ __all__ = [
     "contribute",
     "counted_world",
     "ends_beyond",
+    "ends_of_term",
     "price",
     "value_of",
 ]
@@ -165,7 +167,8 @@ def price(
     assumed = assume(findings, policies, priced=sheet.priced)
     scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
     by_task = _open_in(sheet.priced_by_task, sheet.task, sheet, left_open)
-    variables = variables_of(assumed.findings, left_open, _open_checks(scored | by_task, policies), measures)
+    among = _open_checks(scored | by_task, policies)
+    variables = variables_of(assumed.findings, left_open, among, measures, cohort)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, digits, left_open.counts)
     task = maker.task(by_task)
     # Before any score is refused: a withheld result still says what it could have been.
@@ -225,11 +228,11 @@ def value_of(
         return None
     if assumed.zeroed:
         return 0
-    measures = measures or {}
-    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures)
+    cohort, measures = cohort or CohortValues(), measures or {}
+    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures, cohort)
     if not variables:
-        return sheet.evaluate(scopes, assumed.findings, cohort or CohortValues()).value
-    maker = _Maker(scopes, sheet, assumed, variables, cohort or CohortValues(), measures, 9, left_open.counts)
+        return sheet.evaluate(scopes, assumed.findings, cohort).value
+    maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 9, left_open.counts)
     settled = maker.settled(sheet.score, scored, maker.cohort)
     if not settled.is_bounded or maker.is_withheld(sheet.scored, settled):
         return None
@@ -255,7 +258,7 @@ def counted_world(
     """
     assumed = assume(findings, policies, priced=sheet.scored)
     scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
-    variables = variables_of(findings, left_open, _open_checks(scored, policies), measures)
+    variables = variables_of(findings, left_open, _open_checks(scored, policies), measures, cohort)
     if not variables:
         return CountedWorld(findings, scopes)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 0, left_open.counts)
@@ -268,6 +271,28 @@ def counted_world(
         },
         settled.trial,
     )
+
+
+def ends_of_term(
+    name: str,
+    findings: Mapping[str, Finding],
+    scopes: Scope,
+    sheet: ScoreSheet,
+    policies: Mapping[str, str],
+    *,
+    measures: Mapping[str, Mapping[str, Measure]],
+    left_open: LeftOpen,
+) -> tuple[float, float]:
+    """Between what a term of the trial lies; infinite where nothing bounds it.
+
+    Raises:
+        FormulaError: It has no value.
+    """
+    assumed, formula = assume(findings, policies, priced=sheet.scored), sheet.terms[TRIAL][name]
+    among = _open_checks(_open_in(sheet.scored, formula, sheet, left_open), policies)
+    variables = variables_of(assumed.findings, left_open, among, measures)
+    worlds = Worlds(sheet, formula, scopes, assumed.findings, variables, CohortValues(), measures)
+    return worlds.end(least=True).value, worlds.end(least=False).value
 
 
 @in_own_decimals
@@ -301,9 +326,9 @@ def ends_beyond(
     scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
     if assumed.zeroed:
         return Decimal(0), Decimal(0)
-    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures)
+    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures, cohort)
     known = Worlds(sheet, sheet.score, scopes, assumed.findings, variables, cohort, measures)
-    beyond = frozenset(f"runs.{name}" for name in sheet.pooled)
+    beyond = frozenset(f"{OF_RUNS}{name}" for name in sheet.pooled)
     try:
         return ends_around(settle(known, counts=left_open.counts), replaced(known, beyond=beyond), digits)
     except FormulaError:
@@ -318,10 +343,12 @@ def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset
 def _open_in(
     used: frozenset[str], formula: Expression | None, sheet: ScoreSheet, left_open: LeftOpen
 ) -> frozenset[str]:
-    """What a formula uses that may be open: its checks, and `DURATION` where it names that."""
-    if left_open.lasted is None or formula is None:
+    """What a formula uses that may be open: its checks, `DURATION` where it names that, and its `runs.…`."""
+    if formula is None:
         return used
-    return used | (sheet.facts_in(formula) & {DURATION})
+    if left_open.lasted is not None:
+        used |= sheet.facts_in(formula) & {DURATION}
+    return used | {f"{OF_RUNS}{name}" for name in sheet.pooled if formula is sheet.score}
 
 
 def _ends_in_words(name: str, least: float, most: float) -> str:
@@ -418,7 +445,8 @@ class _Maker:
         return any(assumption.check in used for assumption in self.assumed.zeroed)
 
     def ledger(self, formula: Expression, settled: Settled, used: frozenset[str], root: str) -> Ledger:
-        tree = tree_of(self.sheet, formula, settled.trial, settled.findings, self.cohort, self.measures)
+        cohort = self.cohort.at(settled.pins)
+        tree = tree_of(self.sheet, formula, settled.trial, settled.findings, cohort, self.measures)
         undecided = [assumption.finding for assumption in self.assumed.assumptions]
         ledger = make_ledger(
             tree, settled.traced, settled.findings, digits=self.digits, root=root, undecided=undecided
@@ -476,7 +504,8 @@ def _possible(
     if sheet.needs_cohort:  # a faster run is not among the findings, and would move the means as well
         return None
     try:
-        return rounded(sheet.evaluate(scopes, best, cohort).value, digits)
+        calm = cohort.at(dict.fromkeys(cohort.open_runs, False))
+        return rounded(sheet.evaluate(scopes, best, calm).value, digits)
     except FormulaError:
         return None
 

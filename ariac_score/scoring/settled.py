@@ -16,7 +16,6 @@ from ariac_score.scoring.bounds import MOST_TRIED, Bound, Pins, Worlds
 from ariac_score.scoring.expression import Number, Traced
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
-from ariac_score.scoring.left_open import DURATION
 from ariac_score.scoring.scope import Scope
 
 __all__ = ["Settled", "ends_around", "interval_of", "settle"]
@@ -174,7 +173,7 @@ def settle(worlds: Worlds, *, counts: str) -> Settled:
 
 def _evaluated(worlds: Worlds, findings: Mapping[str, Finding], pins: Pins) -> Traced:
     sheet = worlds.sheet
-    return sheet.value_of(worlds.formula, worlds.trial_in(pins), findings, worlds.cohort)
+    return sheet.value_of(worlds.formula, worlds.trial_in(pins), findings, worlds.cohort_in(pins))
 
 
 def interval_of(settled: Settled, digits: int, counts: str) -> ScoreInterval | None:
@@ -252,7 +251,7 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
             found.append(
                 Narrowing(
                     cause,
-                    tuple(sorted({one.check for one in among} - {DURATION})),
+                    tuple(sorted({one.check for one in among if not one.is_input})),
                     tuple(dict.fromkeys(key for one in among for key in one.seen)),
                     None if by is None else min(most - least, _rounded_end(by, None, digits, ROUND_CEILING)),
                 )

@@ -9,17 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ariac_score import Signal, Trial, load_rule_set
+from ariac_score import Signal, Trial, load_rule_set, reprice, score_trial
 from ariac_score.errors import FormulaError
+from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text
-from ariac_score.results.result_file import as_json, load_result
+from ariac_score.results.adjustments import Adjustments
+from ariac_score.results.result_file import as_json, load_result, measured_sha256
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.sheet import ScoreSheet
+from ariac_score.scoring.steward import Adjustment
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
@@ -41,7 +45,20 @@ def calm() -> Trial:
     return replace(trial, signals={**trial.signals, name: far})
 
 
-def ranking(root: Path, *, rules: str = RULES, **runs: list[Trial | str]) -> Ranking:
+def unseen() -> Trial:
+    """The made trial with nothing of half a second of its near miss, which may have been nearer still."""
+    trial = kitting_trial()
+    signals = {}
+    for name, signal in trial.signals.items():
+        seen = (signal.t <= 20.0) | (signal.t >= 20.5)
+        signals[name] = replace(signal, t=signal.t[seen], values=signal.values[seen])
+    return replace(trial, signals=signals)
+
+
+def ranking(
+    root: Path, *decisions: tuple[str, int, str], rules: str = RULES, **runs: list[Trial | str]
+) -> Ranking:
+    """The ranking of some runs; with the verdicts of stewards, each about a team, a run and a finding of it."""
     for team, trials in runs.items():
         for number, trial in enumerate(trials, start=1):
             path = root / team / f"kit_{number}.jsonl"
@@ -57,7 +74,26 @@ def ranking(root: Path, *, rules: str = RULES, **runs: list[Trial | str]) -> Ran
     competition = load_competition(root)
     loaded = load_rule_set(competition.rules)
     spec = ranking_spec(loaded, competition.ranking, file="competition.yaml")
-    return rank_results(competition, spec, loaded, score_runs(competition, loaded))
+    found = rank_results(competition, spec, loaded, score_runs(competition, loaded))
+    if not decisions:
+        return found
+    of = {run.key: run.result for run in found.runs if run.result}
+    decided = tuple(
+        Adjustment(
+            f"d{number}",
+            "jury",
+            "seen on film",
+            "2026-05-12T14:30:00Z",
+            team=team,
+            trial="kit",
+            run=run,
+            measured=measured_sha256(of[team, "kit", run]),
+            finding=finding,
+            verdict="satisfied",
+        )
+        for number, (team, run, finding) in enumerate(decisions)
+    )
+    return adjusted_ranking(competition, spec, loaded, found, Adjustments("d.yaml", "0" * 64, decided))
 
 
 def scores(found: Ranking) -> dict[str, float]:
@@ -150,6 +186,89 @@ def test_the_result_of_a_ranked_run_can_be_read_and_adds_up(tmp_path: Path) -> N
 
     assert load_result(tmp_path / "result.json").score == kept.score
     assert kept.cohort.values["runs.safety_demerits"][""] == pytest.approx(NEAR_MISS)
+
+
+def test_a_run_without_others_is_worth_what_it_is_alone(tmp_path: Path) -> None:
+    (run,) = ranking(tmp_path, team=[unseen()]).runs
+    alone = score_trial(tmp_path / "team/kit_1.jsonl", tmp_path / "mine.yaml")
+
+    assert run.result is not None
+    assert alone.interval is not None
+    assert (run.result.score, run.result.possible, run.result.interval, run.result.cohort) == (
+        alone.score,
+        alone.possible,
+        alone.interval,
+        CohortValues(),
+    )
+    assert run.open == Ends(alone.interval.least, alone.interval.most)
+
+
+def test_a_run_beside_an_open_one_is_open_and_its_result_says_why(tmp_path: Path) -> None:
+    """The calm run is worth what the other makes of its own points: both have all of the task."""
+    found = ranking(tmp_path, beside=[unseen(), calm()], alone=[unseen()])
+    (single,) = [run.open for run in found.runs if run.team == "alone"]
+    kept = next(run for run in found.runs if run.team == "beside" and run.kept)
+
+    assert single is not None
+    assert kept.number == 2
+    assert kept.open == single
+    assert kept.score == single.least
+    assert kept.result is not None
+    assert kept.result.interval is not None
+    assert Ends(kept.result.interval.least, kept.result.interval.most) == single
+    (cause,) = kept.result.interval.narrowing
+    assert (
+        cause.cause == "another run of the team, which is open itself, and the rules count what all runs did"
+    )
+    (tmp_path / "result.json").write_text(as_json(kept.result), encoding="utf-8")
+    again = load_result(tmp_path / "result.json")
+    assert reprice(again, load_rule_set(tmp_path / "mine.yaml"), again.cohort).interval == again.interval
+    assert "kit, run 2: another run of the team" in ranking_text(found)
+
+
+def test_an_open_run_beside_one_that_certainly_did_more_leaves_nothing_open(tmp_path: Path) -> None:
+    found = ranking(tmp_path, team=[unseen(), calm(), touched(19, 29)], worst=[calm(), touched(19, 29)])
+
+    calm_runs = {run.team: (run.score, run.open) for run in found.runs if run.kept}
+    assert calm_runs["team"] == calm_runs["worst"]
+    assert calm_runs["team"][1] is None
+
+
+def test_a_verdict_about_one_run_counts_in_all_runs_of_the_team(tmp_path: Path) -> None:
+    found = ranking(
+        tmp_path,
+        ("lucky", 1, "separation#1"),
+        lucky=[kitting_trial(), calm()],
+        twice=[kitting_trial(), kitting_trial(), calm()],
+    )
+
+    near = pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6)
+    assert scores(found) == {"lucky": near, "twice": near}
+    assert found.stewarded is not None
+    assert scores(found.stewarded.ranking) == {"lucky": TASK, "twice": near}
+    ties = {one.team: one.ties for one in found.stewarded.ranking.standings}
+    assert ties["lucky"] == {"safety_demerits": 0}
+
+
+def test_what_another_run_did_as_well_is_undone_with_both_verdicts_alone(tmp_path: Path) -> None:
+    runs: list[Trial | str] = [kitting_trial(), kitting_trial(), calm()]
+    decisions = [("team", 1, "separation#1"), ("team", 2, "separation#1")]
+    for name in ("one", "both"):
+        (tmp_path / name).mkdir()
+    one = ranking(tmp_path / "one", decisions[0], team=runs)
+    both = ranking(tmp_path / "both", *decisions, team=runs)
+
+    assert one.stewarded is not None
+    assert both.stewarded is not None
+    assert scores(one.stewarded.ranking) == {"team": pytest.approx(TASK / (1 + NEAR_MISS), abs=1e-6)}
+    assert scores(both.stewarded.ranking) == {"team": TASK}
+
+
+def test_a_verdict_about_a_run_without_others_is_worth_what_it_is_alone(tmp_path: Path) -> None:
+    found = ranking(tmp_path, ("team", 1, "separation#1"), team=[kitting_trial()])
+
+    assert found.stewarded is not None
+    assert scores(found.stewarded.ranking) == {"team": TASK}
 
 
 @pytest.mark.parametrize(

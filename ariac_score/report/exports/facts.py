@@ -7,7 +7,7 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.checks.findings import Finding, Verdict
-from ariac_score.report.openness import between, narrowing_text, which_counts
+from ariac_score.report.openness import between, which_counts, would_narrow
 from ariac_score.report.text import amount_text
 from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import why_withheld
@@ -112,11 +112,8 @@ def why_unofficial(result: Result) -> list[str]:
 
 
 def narrowing(result: Result) -> list[str]:
-    """What would narrow the interval of the score that counts, a line each."""
-    interval = interval_that_counts(result)
-    if interval is None:
-        return []
-    return [f"would narrow the score: {narrowing_text(one, cut)}" for one in interval.narrowing]
+    """What would narrow the score that counts, a line each."""
+    return [f"would narrow the score: {one}" for one in would_narrow(result, cut)]
 
 
 def why_none(result: Result) -> str:

@@ -21,11 +21,10 @@ from ariac_score.report.exports.facts import (
     when,
     why_unofficial,
 )
-from ariac_score.report.openness import narrowing_text
+from ariac_score.report.openness import would_narrow
 from ariac_score.report.summary import summary_of
 from ariac_score.report.text import amount_text
 from ariac_score.report.words import capital, words_of
-from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.result import Result
 from ariac_score.scoring.ledger import Line
 
@@ -87,8 +86,7 @@ def _adjustments(result: Result) -> Iterator[str]:
 
 
 def _narrowing(result: Result) -> Iterator[str]:
-    interval = interval_that_counts(result)
-    lines = [] if interval is None else [narrowing_text(one, cut) for one in interval.narrowing]
+    lines = would_narrow(result, cut)
     if lines:
         yield "### What would narrow the score"
         yield ""

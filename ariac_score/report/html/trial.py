@@ -26,7 +26,7 @@ from ariac_score.report.html.timeline import axis_of, timeline_of
 from ariac_score.report.html.waterfall import waterfall_of
 from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
-from ariac_score.report.openness import is_at_worst, which_counts
+from ariac_score.report.openness import is_at_worst, which_counts, would_narrow
 from ariac_score.report.places import Places
 from ariac_score.report.statements import changes_nothing
 from ariac_score.report.summary import summary_of
@@ -105,6 +105,7 @@ def trial_page(
         assumed=_assumed(result),
         no_difference=all(changes_nothing(one.policy, result) for one in result.assumptions),
         open_ends=interval_that_counts(result),
+        lacking=[] if result.score is not None else would_narrow(result),
         which_counts=which_counts,
         only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
         clock=_clock(measured.clock),
