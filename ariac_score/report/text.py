@@ -153,7 +153,11 @@ def _official(result: Result, total: float, style: Style) -> Iterator[str]:
     if same and ours != Decimal(repr(total)):
         words += ", to the digits that " + ("are printed" if allowed > _LAST_OF_OURS else "count here")
     if not same and result.interval is not None:
-        words = f"{whose} is open, so nothing says whether it is the same"
+        least, most = (float(end) for end in (result.interval.least, result.interval.most))
+        if whose != "ours" or least - float(allowed) <= total <= most + float(allowed):
+            words = f"{whose} is open, so nothing says whether it is the same"
+        else:
+            words = f"not {whose}, whatever is open: rules or log differ from the official scorer's"
     if ours is None:
         words = "ours is withheld, so nothing says whether it is the same"
     yield style(f"official total {total:g}: {words}", *([] if same else ["yellow"]))

@@ -109,9 +109,12 @@ def refuse_inputs(output: Path | None, source: Path) -> None:
     if output is None:
         return
     target, origin = output.resolve(), source.resolve()
-    if target == origin or (target.is_file() and origin in target.parents):
+    within = target.is_file() and origin in target.parents
+    if target == origin or within:
         raise UsageError(
-            "the result would overwrite its own input", file=output, hint="write it to another file"
+            "the result would overwrite its own input" if not within else "it is in the folder that is read",
+            file=output,
+            hint="write it to another file" + (", or delete this one first" if within else ""),
         )
 
 

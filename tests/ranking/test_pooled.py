@@ -58,7 +58,7 @@ def unseen() -> Trial:
 def ranking(
     root: Path, *decisions: tuple[str, int, str], rules: str = RULES, **runs: list[Trial | str]
 ) -> Ranking:
-    """The ranking of some runs; with the verdicts of stewards, each about a team, a run and a finding of it."""
+    """The ranking of some runs, with the verdicts of stewards: each about a team, a run and its finding."""
     for team, trials in runs.items():
         for number, trial in enumerate(trials, start=1):
             path = root / team / f"kit_{number}.jsonl"
