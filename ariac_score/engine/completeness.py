@@ -61,6 +61,7 @@ def with_completeness(trial: Trial, prepared: Prepared, *, trial_id: str = "", t
     rarer = [one for found in attested for one in found.lacking if one.within and not lacks]
     noted += [f"missing, so gaps: {one}" for one in rarer]
     noted += [f"not read: {_unheard(found)}" for found in attested if found.early]
+    noted += [f"definitions not attested: {words}" for f in attested if (words := _undefined(f, prepared))]
     noted += [f"recorded as {_named(f.trial, f.team)}" for f in attested if f.trial or f.team]
     statement = (
         Statement("completeness", NOBODY, detail="; ".join(open_ + noted))
@@ -121,6 +122,12 @@ def _missed(found: Attestation, trial: Trial) -> str:
     if end_s is not None and listened.end_s < end_s - _LATE_S:
         return f"its recorder ended at {listened.end_s:.3f} s, and the competition at {end_s:.3f} s"
     return ""
+
+
+def _undefined(found: Attestation, prepared: Prepared) -> str:
+    """The topics that are read and whose messages the recorder does not say the meaning of."""
+    read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
+    return ", ".join(topic for topic in found.undefined if topic in read)
 
 
 def _unheard(found: Attestation) -> str:

@@ -7,16 +7,17 @@ import hashlib
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import LogError
-from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
+from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for, definition_hash
 from ariac_score.logs.containers.detect import open_scan
-from ariac_score.logs.containers.items import Batch, Connection, Message
+from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type, with_slash
 from ariac_score.trial.attestation import Attestation, Lacking, Unheard
 from ariac_score.trial.spans import Span
 
@@ -40,22 +41,51 @@ class _UnfitError(Exception):
     """What the recorder says does not fit together; the text says where."""
 
 
+class _Beat(NamedTuple):
+    """A heartbeat as it was recorded."""
+
+    sequence: int
+    recording: str
+    body: str
+    chain: str
+
+
+class _Manifest(NamedTuple):
+    """A manifest as it was recorded."""
+
+    closed: bool
+    recording: str
+    body: str
+    signature: str
+
+
 @dataclass
 class _Found:
-    """What a recording holds: heartbeats and manifests in recorded order, digests of all other messages."""
+    """What a recording holds: heartbeats and manifests in recorded order, digests of all other messages.
 
-    heartbeats: list[tuple[int, Any]] = field(default_factory=list)
-    manifests: list[Any] = field(default_factory=list)
+    Attributes:
+        unfit: What its recorder published and nobody can read, in words; empty where all can be read.
+        declared: The connections of each topic.
+    """
+
+    heartbeats: list[tuple[int, _Beat]] = field(default_factory=list)
+    manifests: list[_Manifest] = field(default_factory=list)
+    unfit: str = ""
+    declared: dict[str, dict[Connection, None]] = field(default_factory=lambda: defaultdict(dict))
     digests: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     logged: dict[str, list[_Logged]] = field(default_factory=lambda: defaultdict(list))
 
 
 class _Logged(NamedTuple):
-    """A message of the log: when, what, and from whom where the log says it."""
+    """A message of the log: when, what, through whose connection, and from whom, where the log says it.
+
+    A printed line names its node itself; a connection's name for it can be changed without the bytes.
+    """
 
     t_ns: int
     digest: str
     publisher: str
+    node: str
 
 
 @dataclass
@@ -114,6 +144,8 @@ def attestation_of(path: Path, origin_ns: int) -> Attestation:
     closed = [manifest for manifest in found.manifests if manifest.closed]
     manifest = closed[-1] if closed else None
     try:
+        if found.unfit:
+            raise _UnfitError(found.unfit)
         if manifest is None:
             raise _UnfitError(
                 "its recorder did not close its manifest: it, or the bag before it, was stopped"
@@ -131,19 +163,52 @@ def _scanned(path: Path) -> _Found:
     found = _Found()
     decoders: dict[Connection, Decode] = {}
     for message in _messages(path):
-        connection = message.connection
-        if connection.topic in (HEARTBEAT, MANIFEST):
+        connection, topic = message.connection, with_slash(message.connection.topic)
+        if topic in (HEARTBEAT, MANIFEST):
             decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
-            decoded = decode(message.payload)
-            if connection.topic == HEARTBEAT:
-                found.heartbeats.append((message.stamp_ns, decoded))
-            else:
-                found.manifests.append(decoded)
-        else:
-            digest = digest_of(message.payload)
-            found.digests[connection.topic][digest] += 1
-            found.logged[connection.topic].append(_Logged(message.stamp_ns, digest, connection.publisher))
+            try:
+                decoded = decode(message.payload)
+                if topic == HEARTBEAT:
+                    found.heartbeats.append((message.stamp_ns, _told(_Beat, decoded)))
+                else:
+                    found.manifests.append(_told(_Manifest, decoded))
+            except (UnknownTypeError, _UnfitError) as cause:
+                what = "heartbeat" if topic == HEARTBEAT else "manifest"
+                found.unfit = found.unfit or f"a {what} of its recorder cannot be read: {cause}"
+            continue
+        found.declared[topic][connection] = None
+        digest, node = digest_of(message.payload), connection.publisher
+        if node and connection.type == _PRINTED:
+            decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
+            with suppress(UnknownTypeError):
+                node = str(getattr(decode(message.payload), "name", node))
+        found.digests[topic][digest] += 1
+        found.logged[topic].append(_Logged(message.stamp_ns, digest, connection.publisher, node))
     return found
+
+
+_PRINTED = "rosgraph_msgs/msg/Log"
+_Told = TypeVar("_Told", _Beat, _Manifest)
+
+
+def _told(kind: type[_Told], message: object) -> _Told:
+    """The fields of a message of the recorder.
+
+    Raises:
+        _UnfitError: One is missing, or of another type.
+    """
+    fields = {}
+    for name, wanted in {"sequence": int, "closed": bool}.items():
+        if name in kind._fields:
+            fields[name] = getattr(message, name, None)
+            if not isinstance(fields[name], wanted):
+                raise _UnfitError(f"its {name!r} is missing, or is no {wanted.__name__}")
+    for name in kind._fields:
+        if name not in fields:
+            fields[name] = getattr(message, name, None)
+            if not isinstance(fields[name], str):
+                raise _UnfitError(f"its {name!r} is missing, or is no text")
+    return kind(**fields)  # type: ignore[arg-type]  # each was looked at
 
 
 def _messages(path: Path) -> Iterator[Message]:
@@ -179,6 +244,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     late_ns = _late_ns(beats)
     _refuse_moved_heartbeats(beats, late_ns)
     _refuse_other_pace(beats)
+    undefined = _refuse_other_meaning(found, stated)
     matched = _matched(found, spans, origin_ns, late_ns)
     began_ns = beats[0][0] if beats else 0
     early = {topic: [m for m in one.early() if m.t_ns >= began_ns] for topic, one in matched.items()}
@@ -206,7 +272,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     return Attestation(
         lacking=tuple(lacking),
         late=tuple(unheard),
-        early=frozenset(Unheard(topic, one.t_ns, one.digest) for topic in early for one in early[topic]),
+        early=frozenset(Unheard(topic, *one[:3]) for topic in early for one in early[topic]),
         unlisted=tuple(_unlisted(found, listed, beats, early)),
         put_in=tuple(_unlisted(found, listed, beats, early, _lost(stated))),
         moved=tuple((topic, n) for topic, one in matched.items() if (n := one.moved().total())),
@@ -214,6 +280,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
         body=manifest.body,
         signature=manifest.signature,
+        undefined=undefined,
         listened=_listened(beats, origin_ns),
         notes=_notes(stated),
         trial=_name(stated, "trial"),
@@ -313,12 +380,26 @@ def _refuse_other_counts(listed: Mapping[str, Counter[str]], stated: Mapping[str
             raise _UnfitError(f"its manifest and its heartbeats count other messages on {topic!r}")
 
 
+def _sent_ns(beat: Mapping[str, Any], clock: str) -> int | None:
+    """When a heartbeat was sent, by a clock; `None` where it does not tell.
+
+    Raises:
+        _UnfitError: It tells a time beyond the year 2262.
+    """
+    sent = beat.get(clock)
+    if not isinstance(sent, int):
+        return None
+    if not 0 <= sent < 1 << 63:
+        raise _UnfitError(f"heartbeat {beat.get('sequence')} was sent at no time, by its {clock!r}")
+    return sent
+
+
 def _by_its_clock(beats: list[tuple[int, Mapping[str, Any]]]) -> tuple[int, list[int]]:
     """Of the two clocks of the heartbeats the one that the log goes by: how unequally late the log has them
     by it, and when they were sent, ns; 0 and nothing where they tell no time."""
     found = []
     for clock in _CLOCKS:
-        told = [(stamp_ns, sent) for stamp_ns, beat in beats if isinstance(sent := beat.get(clock), int)]
+        told = [(stamp_ns, sent) for stamp_ns, beat in beats if (sent := _sent_ns(beat, clock)) is not None]
         if told:
             late = [stamp_ns - sent for stamp_ns, sent in told]
             found.append((max(late) - min(late), [sent for _, sent in told]))
@@ -345,7 +426,7 @@ def _refuse_moved_heartbeats(beats: list[tuple[int, Mapping[str, Any]]], late_ns
 
 def _refuse_other_pace(beats: list[tuple[int, Mapping[str, Any]]]) -> None:
     """Refuse a log by the wall clock of a simulation at another pace, which only `/clock` would show."""
-    late = [stamp_ns - sent for stamp_ns, beat in beats if isinstance(sent := beat.get("ros_ns"), int)]
+    late = [stamp_ns - sent for stamp_ns, beat in beats if (sent := _sent_ns(beat, "ros_ns")) is not None]
     apart_ns = max(late, default=0) - min(late, default=0)
     if apart_ns > LATE_NS:
         raise _UnfitError(
@@ -356,10 +437,56 @@ def _refuse_other_pace(beats: list[tuple[int, Mapping[str, Any]]]) -> None:
 
 def _lost(stated: Mapping[str, Any]) -> dict[str, int]:
     """How many messages of each topic never reached the recorder, by their numbers."""
-    return {
-        topic: sum(one.get("lost") or 0 for one in (block.get("publishers") or {}).values())
-        for topic, block in stated["topics"].items()
-    }
+    found = {}
+    for topic, block in stated["topics"].items():
+        publishers = block.get("publishers") or {}
+        lost = [one.get("lost") or 0 if isinstance(one, dict) else None for one in _values(publishers)]
+        counts = [n for n in lost if isinstance(n, int) and 0 <= n < 1 << 63]
+        if not isinstance(publishers, dict) or len(counts) < len(lost):
+            raise _UnfitError(f"its manifest does not say how many messages were lost on {topic!r}")
+        found[topic] = sum(counts)
+    return found
+
+
+def _values(mapping: object) -> list[Any]:
+    return [*mapping.values()] if isinstance(mapping, dict) else []
+
+
+# What the bytes mean ---------------------------------------------------------------------------
+
+
+_RIHS = "RIHS01_"
+_EVENT = "_Event"
+"""Of a service; what such a type consists of is not in the definitions of ROS."""
+
+
+def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> tuple[str, ...]:
+    """Refuse definitions of messages that are not those of their publishers: they decide what bytes mean.
+
+    Returns:
+        The topics of which the recorder could not say how messages are defined; the first ones never did.
+    """
+    unsaid = []
+    for topic, connections in sorted(found.declared.items()):
+        block = stated["topics"].get(topic)
+        if block is None:
+            continue
+        received, known = block.get("type") or "", block.get("definitions") or []
+        texts = isinstance(received, str) and isinstance(known, list)
+        if not texts or not all(isinstance(one, str) for one in known):
+            raise _UnfitError(f"its manifest does not say of what type the messages on {topic!r} are")
+        types = {connection.type for connection in connections}
+        if received and (others := sorted(types - {normalised_type(received)})):
+            raise _UnfitError(f"on {topic!r} it has messages of {others[0]!r}, and its recorder {received!r}")
+        of_ros1 = not any(one.startswith(_RIHS) for one in known)
+        hashes = {definition_hash(connection, of_ros1=of_ros1) for connection in connections}
+        if not known or any(one.endswith(_EVENT) for one in types):
+            unsaid += [topic] if "definitions" in block else []
+            if len(hashes) > 1:
+                raise _UnfitError(f"it defines the messages on {topic!r} in two ways")
+        elif not hashes <= {*known}:
+            raise _UnfitError(f"it defines the messages on {topic!r} otherwise than who published them")
+    return tuple(unsaid)
 
 
 def _matched(
@@ -417,8 +544,9 @@ def _less_from(matched: _Matched | None, about: Mapping[str, Any]) -> tuple[str,
     publishers = about.get("publishers")
     if matched is None or not isinstance(publishers, dict):
         return ()
-    of_log = Counter(one.publisher for one in matched.both)
-    if "" in of_log or "" in publishers:
+    # A line of another node is none of this one, whichever connection the log has it on.
+    of_log = Counter(one.publisher for one in matched.both if one.publisher == one.node)
+    if "" in publishers or any(not one.publisher for one in matched.both):
         return ()
     return tuple(
         sorted(

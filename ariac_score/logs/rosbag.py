@@ -11,7 +11,7 @@ from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.attested import HEARTBEAT, MANIFEST, attestation_of, digest_of
 from ariac_score.logs.containers.detect import SUFFIXES, cannot_be_read, looks_like_recording, open_scan
 from ariac_score.logs.containers.folder import packed_storage
-from ariac_score.logs.containers.items import Batch, Connection, Message, Scan
+from ariac_score.logs.containers.items import Batch, Connection, Message, Scan, with_slash
 from ariac_score.logs.gather.collector import Collector
 from ariac_score.logs.gather.topic_statistics import TopicStatistics
 from ariac_score.trial.attestation import Attestation, Unheard
@@ -193,14 +193,14 @@ def _without(
     topics = {one.topic for one in left_out}
     for item in items:
         if isinstance(item, Connection) or not topics & {
-            c.topic for c in (item.connections if isinstance(item, Batch) else [item.connection])
+            with_slash(c.topic) for c in (item.connections if isinstance(item, Batch) else [item.connection])
         }:
             yield item
             continue
         for message in item.messages() if isinstance(item, Batch) else [item]:
-            topic = message.connection.topic
+            topic, publisher = with_slash(message.connection.topic), message.connection.publisher
             if topic not in topics or (
-                Unheard(topic, message.stamp_ns, digest_of(message.payload)) not in left_out
+                Unheard(topic, message.stamp_ns, digest_of(message.payload), publisher) not in left_out
             ):
                 yield message
 

@@ -107,7 +107,15 @@ def _time(document: YamlDocument, number: int, value: Any) -> Any:
         except ValueError:
             return value  # the schema says what is wrong with it
     if isinstance(value, datetime) and value.tzinfo is not None:
-        return value.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        try:
+            return value.astimezone(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        except OverflowError:  # at the edge of the calendar, and beyond it in UTC
+            raise DataFileError(
+                f"{str(value)!r} is no time in UTC",
+                file=document.file,
+                place=document.place(["adjustments", number, "time"]),
+                hint="write when it was decided, such as 2026-05-12T14:30:00Z",
+            ) from None
     if isinstance(value, date):
         raise DataFileError(
             f"{str(value)!r} is no point in time: it lacks "

@@ -37,11 +37,12 @@ class Lacking:
 
 
 class Unheard(NamedTuple):
-    """A message of the log that came before its recorder had a connection: topic, log time, digest."""
+    """A message of the log that came before its recorder had a connection: where, when, what, of whom."""
 
     topic: str
     t_ns: int
     digest: str
+    publisher: str
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Attestation:
         moved: How many messages of each topic the log has at other times than the recorder received them.
         moved_by_s: By more than this; so late may a message come to either, s.
         unattested: Topics of the log that the recorder did not listen to.
+        undefined: Topics of the log of which the recorder does not say how messages are defined, so that
+            another definition in the log would give the same bytes another meaning.
         body: The manifest, whose bytes are signed.
         signature: The text of the signature; empty where there is none.
         listened: From the first heartbeat to the last, s of trial time: nothing is attested outside.
@@ -74,6 +77,7 @@ class Attestation:
     moved: tuple[tuple[str, int], ...] = ()
     moved_by_s: float = 1.0
     unattested: tuple[str, ...] = ()
+    undefined: tuple[str, ...] = ()
     body: str = ""
     signature: str = ""
     listened: Span | None = None

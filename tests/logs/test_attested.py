@@ -6,15 +6,19 @@ import base64
 import hashlib
 import json
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.rosbag1 import Writer as Ros1Writer
 
 from ariac_score import LogError, Result, score_trial
 from ariac_score.errors import RuleSetError
+from ariac_score.logs.attested import attestation_of
 from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.results.signing import make_keys
 from ariac_score.testing import Recorded, write_bag
@@ -64,9 +68,13 @@ def attested(
     listened_s: tuple[int, int] = (0, 10),
     each_s: float = 1.0,
     pace: float | None = None,
+    about: Mapping[str, Any] | None = None,
     **named: str,
 ) -> list[Recorded]:
-    """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md."""
+    """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md.
+
+    Further facts of the manifest are `named`; those `about` each topic stand beside its count.
+    """
     out, chain = list(messages), RECORDING
     counted = dict.fromkeys([m.topic for m in messages], 0)
     each_ns = round(each_s * 1e9)
@@ -90,7 +98,7 @@ def attested(
             "recording": RECORDING,
             "closed": True,
             "heartbeats": {"count": len(begins), "chain": chain},
-            "topics": {topic: {"count": count} for topic, count in counted.items()},
+            "topics": {topic: {"count": count, **(about or {})} for topic, count in counted.items()},
             "notes": list(notes),
             **named,
         }
@@ -407,3 +415,243 @@ def test_equal_messages_may_not_be_moved_among_each_other(tmp_path: Path, signin
 
     with pytest.raises(LogError, match=r"moved: \d+ messages on /ariac/agv1/state"):
         scored(tmp_path, in_order(*moved), attesting(signing))
+
+
+# The bytes stay, and what they mean or whose they are does not -----------------------------------
+
+
+TRIAL_EVENT_MD5 = "bfb40a01d75c686818f60b7f140470e0"
+"""As the header of a connection says it in the bag that `rosbag record` of ROS 1 wrote of a real node."""
+
+Change = Callable[[str, bytes, bytes], Iterable[tuple[str, bytes, bytes, int]]]
+"""From topic, definition and bytes of a message to what is written for it: these, and which channel."""
+
+
+def rewritten(path: Path, change: Change) -> Path:
+    """A recording whose messages stand on other channels."""
+    out = path.with_name("altered.mcap")
+    with path.open("rb") as source, out.open("wb") as sink:
+        reader, writer, channels = make_reader(source), Writer(sink), dict[tuple[str, bytes, int], int]()
+        writer.start(reader.get_header().profile, library="another")
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            for topic, definition, data, which in change(channel.topic, schema.data, message.data):
+                key = topic, definition, which
+                if key not in channels:
+                    number = writer.register_schema(schema.name, schema.encoding, definition)
+                    channels[key] = writer.register_channel(topic, channel.message_encoding, number)
+                writer.add_message(channels[key], message.log_time, data, message.publish_time)
+        writer.finish()
+    return out
+
+
+OTHERWISE = b"string subject\nstring kind\nstring detail\n"
+"""The fields of an event in another order: a collision is then none."""
+
+
+def is_collision(data: bytes) -> bool:
+    return b"arm_collision" in data and b"watching" not in data
+
+
+def redefined(definition: bytes | None, *, all_of_them: bool = False) -> Change:
+    """The collision, or all events, by another definition."""
+
+    def change(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        changes = topic == EVENTS and definition is not None and (all_of_them or is_collision(data))
+        yield topic, definition if changes and definition is not None else text, data, 0
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("about", "change", "cause"),
+    [
+        (
+            {"definitions": [TRIAL_EVENT_MD5]},
+            redefined(OTHERWISE, all_of_them=True),
+            "it defines the messages on '/ariac_score/events' otherwise than who published them",
+        ),
+        (
+            {},
+            redefined(OTHERWISE),
+            "it defines the messages on '/ariac_score/events' in two ways",
+        ),
+        (
+            {"type": "std_msgs/String"},
+            redefined(None),
+            "on '/ariac_score/events' it has messages of 'ariac_score_msgs/msg/TrialEvent', and its recorder "
+            "'std_msgs/String'",
+        ),
+        (
+            {"definitions": "all"},
+            redefined(None),
+            "its manifest does not say of what type the messages on '/ariac_score/events' are",
+        ),
+    ],
+    ids=["another definition", "two definitions", "another type", "no list"],
+)
+def test_a_log_that_gives_the_bytes_another_meaning_is_not_attested(
+    about: Mapping[str, Any], change: Change, cause: str, tmp_path: Path, signing: Signing
+) -> None:
+    whole = attested(events(), signing[1], about=about)
+    path = write_bag(tmp_path / "run.mcap", whole, storage="mcap")
+
+    assert attestation_of(rewritten(path, change), 0).problem == cause
+
+
+def test_the_definitions_of_its_publishers_attest_a_log(tmp_path: Path, signing: Signing) -> None:
+    about = {"type": "ariac_score_msgs/TrialEvent", "definitions": [TRIAL_EVENT_MD5]}
+    result = scored(tmp_path, attested(events(), signing[1], about=about), attesting(signing))
+    assert completeness(result) == "recorder: "
+
+    unknown = scored(tmp_path, attested(events(), signing[1], about={"definitions": []}), attesting(signing))
+    assert completeness(unknown) == "recorder: definitions not attested: /ariac_score/events"
+
+
+def test_a_message_on_a_topic_that_is_spelt_without_its_slash_was_put_in(
+    tmp_path: Path, signing: Signing
+) -> None:
+    path = write_bag(tmp_path / "run.mcap", attested(events(), signing[1]), storage="mcap")
+
+    def twice(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield topic, text, data, 0
+        if topic == EVENTS and is_collision(data):
+            yield topic.lstrip("/"), text, data, 0
+
+    assert attestation_of(rewritten(path, twice), 0).put_in == ((EVENTS, 1),)
+
+
+def test_a_message_that_is_there_twice_is_left_out_once(tmp_path: Path, signing: Signing) -> None:
+    """The copy on a channel whose other messages are later ones looks like one from before it was heard."""
+    rules = tmp_path / "rules.yaml"
+    assert scored(tmp_path, attested(events(), signing[1]), attesting(signing)).score == HONEST
+    later = False
+
+    def doubled(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        nonlocal later
+        if topic == EVENTS and is_collision(data):
+            later = True
+            yield topic, text, data, 1  # the copy: of equal ones the last is taken for the one that was heard
+            yield topic, text, data, 2
+        else:
+            yield topic, text, data, 1 if topic == EVENTS and later else 0
+
+    altered = rewritten(tmp_path / "run.mcap", doubled)
+    assert [one.t_ns for one in attestation_of(altered, 0).early] == [5 * 10**9]
+    assert score_trial(altered, rules).score == HONEST
+
+
+def printed(folder: Path, lines: Sequence[tuple[float, str, str]], received: Sequence[str]) -> Path:
+    """A ROS 1 bag of printed lines: when, by which node, and on whose connection the log has it.
+
+    The recorder received the first of each node in `received` as often as it is named there.
+    """
+    store, path = bundled_typestore(1), folder / "run.bag"
+    path.unlink(missing_ok=True)
+    kinds = {name: f"{package}/msg/{name}" for name, package in KINDS.items()}
+    make = {name: store.types[kind] for name, kind in kinds.items()}
+    stamp = store.types["builtin_interfaces/msg/Time"](0, 0)
+    header = store.types["std_msgs/msg/Header"](0, stamp, "")
+
+    def line(node: str, number: int) -> bytes:
+        said = make["Log"](header, 2, node, f"line {number} of {node}", "", "", 0, [])
+        return bytes(store.serialize_ros1(said, kinds["Log"]))
+
+    def own(name: str, fields: Mapping[str, Any]) -> bytes:
+        return bytes(store.serialize_ros1(make[name](header, **fields), kinds[name]))
+
+    listed = [line(node, number) for number, node in enumerate(received)]
+    words = "".join(base64.b64encode(hashlib.sha256(one).digest()[:12]).decode() for one in listed)
+    body = _json({"recording": RECORDING, "sequence": 1, "topics": {ROSOUT: {"first": 1, "digests": words}}})
+    chain = _sha256(RECORDING + body)
+    publishers = {node: {"count": received.count(node), "lost": 0} for node in dict.fromkeys(received)}
+    manifest = {
+        "format": "ariac-score-manifest/1",
+        "recording": RECORDING,
+        "heartbeats": {"count": 1, "chain": chain},
+        "topics": {ROSOUT: {"count": len(listed), "publishers": publishers}},
+    }
+    with Ros1Writer(path) as writer:
+        connections = {
+            sender: writer.add_connection(ROSOUT, kinds["Log"], typestore=store, callerid=sender)
+            for sender in dict.fromkeys(sender for _, _, sender in lines)
+        }
+        for t_s, name, sender in lines:
+            node, _, number = name.partition("#")
+            writer.write(connections[sender], round(t_s * 1e9), line(node, int(number)))
+        for topic, name, fields in (
+            ("heartbeat", "Heartbeat", {"recording": RECORDING, "sequence": 1, "body": body, "chain": chain}),
+            (
+                "manifest",
+                "Manifest",
+                {"recording": RECORDING, "closed": True, "body": _json(manifest), "signature": ""},
+            ),
+        ):
+            connection = writer.add_connection(f"/ariac_score/{topic}", kinds[name], typestore=store)
+            writer.write(connection, 10**10, own(name, fields))
+    return path
+
+
+ROSOUT = "/rosout"
+KINDS = {"Log": "rosgraph_msgs", "Heartbeat": "ariac_score_msgs", "Manifest": "ariac_score_msgs"}
+
+
+def test_whose_printed_line_is_missing_is_told_by_the_lines_themselves(tmp_path: Path) -> None:
+    """Who leaves out a line of the simulator, and writes its name over the connection of another node's."""
+    received = ["/gazebo", "/gazebo", "/team", "/team"]
+    kept = [(2.0, "/gazebo#1", "/gazebo"), (3.0, "/team#2", "/team"), (4.0, "/team#3", "/team")]
+    relabelled = [(t_s, name, "/gazebo" if name == "/team#2" else sender) for t_s, name, sender in kept]
+
+    (missing,) = attestation_of(printed(tmp_path, kept, received), 0).lacking
+    assert missing.publishers == ("/gazebo",)
+    (missing,) = attestation_of(printed(tmp_path, relabelled, received), 0).lacking
+    assert missing.publishers == ("/gazebo", "/team")
+
+
+# What a recorder cannot have written ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("about", "cause"),
+    [
+        ({"publishers": ["/a"]}, "its manifest does not say how many messages were lost on"),
+        ({"publishers": {"/a": 5}}, "its manifest does not say how many messages were lost on"),
+        ({"publishers": {"/a": {"lost": "x"}}}, "its manifest does not say how many messages were lost on"),
+        ({"publishers": {"/a": {"lost": -1}}}, "its manifest does not say how many messages were lost on"),
+    ],
+)
+def test_a_manifest_that_makes_no_sense_attests_nothing(
+    about: Mapping[str, Any], cause: str, tmp_path: Path, signing: Signing
+) -> None:
+    messages = attested(events(), signing[1], about=about)
+
+    assert cause in completeness(scored(tmp_path, messages))
+    with pytest.raises(LogError, match="completeness is not attested"):
+        scored(tmp_path, messages, attesting(signing))
+
+
+@pytest.mark.parametrize("pace", [-1.0, 1e30])
+def test_a_heartbeat_that_was_sent_at_no_time_attests_nothing(
+    pace: float, tmp_path: Path, signing: Signing
+) -> None:
+    result = scored(tmp_path, attested(events(), signing[1], pace=pace))
+
+    assert "was sent at no time, by its 'ros_ns'" in completeness(result)
+
+
+@pytest.mark.parametrize("topic", ["heartbeat", "manifest"])
+def test_a_message_of_the_recorder_that_cannot_be_read_attests_nothing(
+    topic: str, tmp_path: Path, signing: Signing
+) -> None:
+    """One byte of its text was changed, so that it is none; or the log defines it as something else."""
+    path = write_bag(tmp_path / "run.mcap", attested(events(), signing[1]), storage="mcap")
+
+    def damaged(at: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield at, text, data.replace(b"7f3c", b"\xff\xff\xff\xff") if at.endswith(topic) else data, 0
+
+    def another(at: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield at, b"uint32 sequence\n" if at.endswith(topic) else text, data, 0
+
+    for change in (damaged, another):
+        problem = attestation_of(rewritten(path, change), 0).problem
+        assert f"a {topic} of its recorder cannot be read" in problem

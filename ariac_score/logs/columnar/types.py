@@ -35,6 +35,7 @@ __all__ = [
     "column_decoder_for",
     "compiled_store_of",
     "decoder_for",
+    "definition_hash",
 ]
 
 
@@ -160,6 +161,31 @@ def column_decoder_for(connection: Connection, wanted: Iterable[str] | None = No
 def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> ColumnDecoder:
     stores = {unit: compiled_store_of(connection, unit) for unit in UNITS}
     return WideDecoder(stores, connection.type, wanted=wanted)
+
+
+def definition_hash(connection: Connection, *, of_ros1: bool) -> str:
+    """What ROS itself tells definitions of a type apart by; empty where it cannot be had.
+
+    Args:
+        connection: With the definition of its messages.
+        of_ros1: Whether the MD5 sum of ROS 1, as in the header of a connection; else `RIHS01_…` of ROS 2.
+    """
+    try:
+        if not connection.definition:
+            store = _typestore_for(connection.encoding, connection.type, "", "")
+        else:
+            if max(connection.definition.count("\n"), connection.definition.count(";")) > _MOST_LINES:
+                return ""
+            with _refusing_definitions():
+                store = get_typestore(Stores.EMPTY)
+                form = connection.definition_format
+                store.register(_parsed(connection.type, form, connection.definition))
+        with _refusing_definitions():
+            if of_ros1:
+                return str(store.generate_msgdef(connection.type, ros_version=1)[1])
+            return str(store.hash_rihs01(connection.type))
+    except UnknownTypeError:
+        return ""
 
 
 def compiled_store_of(connection: Connection, unit: str = "") -> Typestore:

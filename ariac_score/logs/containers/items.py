@@ -27,6 +27,7 @@ __all__ = [
     "Scan",
     "checked_stamp",
     "normalised_type",
+    "with_slash",
 ]
 
 
@@ -185,6 +186,15 @@ def normalised_type(name: str) -> str:
     """
     parts = _TWO_PART_TYPE.fullmatch(name)
     return f"{parts[1]}/msg/{parts[2]}" if parts else name
+
+
+def with_slash(topic: str) -> str:
+    """The one spelling of a topic: a recorder that spells it otherwise means no other.
+
+    >>> with_slash("tf")
+    '/tf'
+    """
+    return f"/{topic.lstrip('/')}"
 
 
 def checked_stamp(stamp_ns: object, *, file: Path, place: str) -> int:

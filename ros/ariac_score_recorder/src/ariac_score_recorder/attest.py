@@ -72,6 +72,7 @@ class _Publisher(object):
 class _Topic(object):
     def __init__(self):
         self.type = ""
+        self.definitions = set()
         self.count = 0
         self.waiting = []
         self.publishers = {}
@@ -81,6 +82,7 @@ class _Topic(object):
     def counts(self):
         return {
             "type": self.type,
+            "definitions": sorted(self.definitions),
             "count": self.count,
             "digest": self.hash.hexdigest(),
             "first": _times(self.first) if self.first else None,
@@ -113,7 +115,7 @@ class Attestation(object):
         self._lock = threading.Lock()
         self._is_closed = False
 
-    def arrived(self, topic, type_name, payload, now, sender="", number=None):
+    def arrived(self, topic, type_name, payload, now, sender="", number=None, definition=""):
         """Take in one message.
 
         Args:
@@ -123,6 +125,7 @@ class Attestation(object):
             now: The `Instant` of its arrival.
             sender: Who published it, where that is known.
             number: The sender's own number of it, where it has one.
+            definition: The hash by which ROS tells definitions of the type apart, where it gives one.
         """
         words = digest(payload)
         with self._lock:
@@ -130,6 +133,8 @@ class Attestation(object):
                 return
             about = self._topics[topic]
             about.type = about.type or type_name
+            if definition:
+                about.definitions.add(definition)
             about.count += 1
             about.waiting.append(words)
             about.first = about.first or now

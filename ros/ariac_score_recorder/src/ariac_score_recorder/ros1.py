@@ -170,7 +170,13 @@ class _Node(object):
             number = struct.unpack_from(str("<I"), payload)[0]
         kind = about["type"]
         self._session.arrived(
-            topic, kind, payload, lambda: self._decoded(kind, payload), about.get("callerid", ""), number
+            topic,
+            kind,
+            payload,
+            lambda: self._decoded(kind, payload),
+            about.get("callerid", ""),
+            number,
+            about.get("md5sum", ""),
         )
 
     def _decoded(self, kind, payload):

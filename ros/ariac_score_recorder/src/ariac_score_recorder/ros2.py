@@ -165,11 +165,16 @@ class _Recorder:
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         )
         self._subscribed.add(topic)
+        definition = _definition(publishers)
         self._node.create_subscription(
             made,
             topic,
             lambda payload: self._session.arrived(
-                topic, kind, bytes(payload), lambda: deserialize_message(bytes(payload), made)
+                topic,
+                kind,
+                bytes(payload),
+                lambda: deserialize_message(bytes(payload), made),
+                definition=definition,
             ),
             profile,
             callback_group=self._group,
@@ -200,6 +205,13 @@ class _Recorder:
             if text:
                 with io.open(self._options.out + ending, "w", encoding="ascii", newline="\n") as file:
                     file.write(text)
+
+
+def _definition(publishers):
+    """The hash of the type that all publishers of a topic have; empty before Iron, which has the first."""
+    found = {str(getattr(each, "topic_type_hash", "")) for each in publishers}
+    words = found.pop() if len(found) == 1 else ""
+    return words if words.startswith("RIHS01_") else ""
 
 
 def _class_of(kind):

@@ -59,14 +59,14 @@ class Session(object):
         for kind in self._plan.watching:
             self._send("event", {"kind": "watching", "subject": kind, "detail": ""})
 
-    def arrived(self, topic, type_name, payload, decode, sender="", number=None):
+    def arrived(self, topic, type_name, payload, decode, sender="", number=None, definition=""):
         """Take in one message.
 
         Args:
-            topic, type_name, payload, sender, number: As for `Attestation.arrived`.
+            topic, type_name, payload, sender, number, definition: As for `Attestation.arrived`.
             decode: Gives the message; called only where its fields are looked at.
         """
-        self._books.arrived(topic, type_name, payload, self._now(), sender, number)
+        self._books.arrived(topic, type_name, payload, self._now(), sender, number, definition)
         if topic not in self._decoded:
             return
         try:
