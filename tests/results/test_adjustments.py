@@ -333,6 +333,8 @@ def test_with_everything_set_aside_the_score_is_what_was_possible(tmp_path: Path
         ([{**decision(effect={"points": 1}), "reason": ""}], "reason"),
         ([{**decision(effect={"points": 1}), "author": ""}], "author"),
         ([{**decision(effect={"points": 1}), "time": "yesterday"}], "yesterday"),
+        ([{**decision(effect={"points": 1}), "time": "0001-01-01T00:00:00+23:59"}], "is no time in UTC"),
+        ([{**decision(effect={"points": 1}), "time": "9999-12-31T23:59:59-23:59"}], "is no time in UTC"),
         ([{**decision(effect={"points": 1}), "time": "2024-05-12T14:30:00"}], "lacks its time zone"),
         ([{**decision(effect={"points": 1}), "id": "../x"}], "does not match"),
         ([{**decision(effect={"points": 1}), "by": "me"}], "unknown key 'by'"),

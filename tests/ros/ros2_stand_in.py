@@ -25,6 +25,8 @@ from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.testing.bags import Recorded, _built, write_bag
 
 STORE = bundled_typestore(2)
+STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+"""As `ros2 topic info --verbose` of Jazzy prints it for `std_msgs/msg/String`."""
 BEGUN = time.monotonic()
 VOLATILE, TRANSIENT_LOCAL, BEST_EFFORT, RELIABLE = "volatile", "transient_local", "best_effort", "reliable"
 
@@ -172,7 +174,9 @@ class Node:
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
         about = GRAPH.topics.get(topic)
-        return [SimpleNamespace(qos_profile=about.offered)] if about else []
+        kinds = {"std_msgs/msg/String": STRING_HASH}  # a type hash is a class with this text; Humble has none
+        hashes = {"topic_type_hash": kinds[about.type]} if about and about.type in kinds else {}
+        return [SimpleNamespace(qos_profile=about.offered, **hashes)] if about else []
 
     def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
         return [(name, [kind]) for name, (kind, _) in GRAPH.services.items()]

@@ -109,6 +109,15 @@ def test_numbers_that_never_came_are_lost_and_a_publisher_that_begins_anew_loses
     assert publishers["/c"] == {"count": 1, "lost": 0, "first_seq": None, "last_seq": None}
 
 
+def test_the_manifest_says_how_messages_were_defined_by_whoever_published_them() -> None:
+    cell = Cell()
+    for definition in ("b0b0", "a1a1", "", "b0b0"):
+        cell.message("/tf", b"", definition=definition)
+    topics = cell.manifest()["topics"]
+    assert topics["/tf"]["definitions"] == ["a1a1", "b0b0"]
+    assert topics[STATE]["definitions"] == []
+
+
 def test_what_is_wrong_with_a_recording_stands_in_its_manifest() -> None:
     cell = Cell(starts={"topic": STATE, "field": "data", "values": ["init"]})
     cell.message(STATE, b"", text("go"))

@@ -159,6 +159,8 @@ def test_what_the_heartbeats_list_is_in_the_bag(recording: Recording) -> None:
         assert sum(missing.values()) <= (0 if topic in OWN else 10), topic
     assert listed.keys() >= {*TOPICS, *OWN[:2]}
     assert manifest["topics"]["/tf"]["publishers"].keys() == {"/cell"}
+    # As `rosmsg md5 tf2_msgs/TFMessage` prints it.
+    assert manifest["topics"]["/tf"]["definitions"] == ["94810edda583a504dfda3829e70d7eec"]
 
 
 def test_the_score_tells_what_the_node_did(recording: Recording) -> None:

@@ -67,6 +67,8 @@ def test_the_node_attests_what_it_heard_and_our_reader_finds_all_of_it(tmp_path:
     assert (counts[STATE], counts["/once"], counts["/lossy"]) == (3, 1, 2)
     assert (counts["/unknown"], counts["/ariac_score/submissions"]) == (0, 1)
     assert [note for note in stated["notes"] if "/unknown: missing_msgs/msg/Odd is not installed" in note]
+    string = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    assert stated["topics"][STATE]["definitions"] == [string]
     signature = minisign.Signature.from_bytes((tmp_path / "trial.manifest.json.minisig").read_bytes())
     minisign.PublicKey.from_bytes(public.read_bytes()).verify(
         (tmp_path / "trial.manifest.json").read_bytes(), signature
