@@ -112,8 +112,17 @@ class _Teller:
         if missing < len(items):
             return f"{count_in_words(len(items) - missing)} of {all_of_them} delivered"
         if "submissions" in self.result.measured.witnessed:
+            if self._is_open():
+                return f"{all_of_them}, what was delivered is open"
             return f"nothing delivered of {all_of_them}"
         return f"{all_of_them}, no delivery recorded"
+
+    def _is_open(self) -> bool:
+        """Whether the log leaves open of each item that was not handed in what became of it."""
+        of_work = [one for one in self.found.values() if one.check in self.work_checks]
+        undecided = (one.subject for one in of_work if one.verdict is Verdict.INCONCLUSIVE)
+        open_ = {path for subject in undecided for path in _on_the_way(subject)}
+        return self.undone <= open_
 
     @cached_property
     def to_hand_in(self) -> Sequence[Scope]:
@@ -197,7 +206,8 @@ class _Teller:
         whole = amount_text(rounded_points(parts.task, digits, 1))
         if parts.safety == -parts.task:
             return f"; {it} cost all {whole} points"
-        return f"; {it} cost {cost}{f' of {whole}' if parts.task > 0 else ''} points"
+        amount = f"{cost} of {whole}" if parts.task > 0 else cost
+        return f"; {it} cost {amount} {'point' if amount.split()[-1] == '1' else 'points'}"
 
     def _told(self, finding: Finding) -> str:
         """A finding as a sentence: of a measured margin what it means, of others the check's own words."""

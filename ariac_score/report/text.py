@@ -17,6 +17,7 @@ from ariac_score.report.openness import (
     bounds_text,
     is_at_worst,
     open_sentence,
+    undecided_text,
     would_narrow,
 )
 from ariac_score.report.places import Places
@@ -325,15 +326,19 @@ _POLICY_WORDS = {
 
 def _undecided(result: Result, style: Style) -> Iterator[str]:
     """What could not be judged and how that counts; checks with the same reason share a line."""
-    policies = {a.finding: a.policy for a in result.assumptions}
+    assumed = {a.finding: a for a in result.assumptions}
     reasons: dict[tuple[str, str, str], list[str]] = {}
     since_s: dict[str, float] = {}
     for key, finding in result.measured.findings.items():
         if finding.verdict in (Verdict.INCONCLUSIVE, Verdict.NOT_APPLICABLE):
-            made = policies.get(key, "")
+            one = assumed.get(key)
+            made = "" if one is None else one.policy
             policy = "makes no difference" if changes_nothing(made, result) else _POLICY_WORDS.get(made, "")
-            reasons.setdefault((finding.verdict.value, policy, finding.message), []).append(finding.check)
-            since_s.setdefault(finding.message, finding.span.start_s if finding.span else 0.0)
+            # What is not applicable by its samples is undecided where it is counted as something else.
+            judged = finding.verdict if one is None else Verdict.INCONCLUSIVE
+            message = finding.message if one is None else undecided_text(result, one)
+            reasons.setdefault((judged.value, policy, message), []).append(finding.check)
+            since_s.setdefault(message, finding.span.start_s if finding.span else 0.0)
     if not reasons:
         return
     yield style("Not judged", "bold")
