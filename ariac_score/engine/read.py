@@ -468,7 +468,8 @@ def _no_work_hint(bundle: Bundle, trial: Trial, words: Words, log_map: LogMap) -
     topics = [topic for topic in decoded if any(is_about(named, topic) for named in trial.unrecorded)]
     others = [named for named in trial.unrecorded if not any(is_about(named, topic) for topic in topics)]
     what = " and ".join(topics) or f"what names its {words.many(words.outermost)}"
-    alone = f"; what moves in it can be judged alone: --rules {MOTION_RULES}" if trial.bodies else ""
+    same = f"--rules {MOTION_RULES} and the same log map, --log-map {log_map.id} (or its file)"
+    alone = f"; what moves in it can be judged alone: {same}" if trial.bodies else ""
     read = ", ".join(f"{part.path.name} ({part.role})" for part in bundle.parts)
     looked = f"; also not in the log: {', '.join(others)}" if others else ""
     return f"record {what}, or give the trial configuration (--trial-config){alone}; read: {read}{looked}"
