@@ -23,7 +23,7 @@ _LABELS = {
     "withholds": ("missing", "red"),
     "opens": ("open", "red"),
     "costs": ("costs", "yellow"),
-    "nothing": ("unpriced", "dim"),
+    "nothing": ("same", "dim"),
 }
 
 

@@ -72,8 +72,9 @@ class Readiness:
 
     @property
     def missing(self) -> list[MissingTopics]:
-        """The topics to record, each named once."""
-        return grouped(topics for lack in self.lacks for topics in lack.topics)
+        """The topics to record, each named once; where some would move the score, those alone."""
+        moving = [lack for lack in self.lacks if lack.effect != "nothing"]
+        return grouped(topics for lack in moving or self.lacks for topics in lack.topics)
 
 
 def check_log(
@@ -130,6 +131,8 @@ _EFFECTS = {"withhold": "withholds", "worst": "opens", "best": "opens"}
 
 def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iterator[Lack]:
     policies = {assumption.check: assumption.policy for assumption in result.assumptions}
+    narrowing = () if result.interval is None else result.interval.narrowing
+    moving = {check for one in narrowing for check in one.checks}
     causes: dict[str, str] = {}
     spans: dict[str, list[Span]] = {}
     for finding in result.measured.findings.values():
@@ -141,7 +144,7 @@ def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iter
     for check, cause in causes.items():
         policy = policies.get(check)
         effect = "nothing" if policy is None else _EFFECTS.get(policy, "costs")
-        if effect == "opens" and result.interval is None:
+        if effect == "opens" and check not in moving:
             effect = "nothing"  # it is the same score in every world
         words = cause + _and_others(spans.get(check, []))
         topics = tuple(missing_topics(check, prepared, recorded))
