@@ -134,6 +134,14 @@ def _known_key(name: str, known: Sequence[str], is_known: Callable[[str], bool])
     return did_you_mean(name, known, what="known keys")
 
 
+_LIMITS = {
+    "minimum": "of at least",
+    "exclusiveMinimum": "above",
+    "maximum": "of at most",
+    "exclusiveMaximum": "below",
+}
+
+
 def _description(fault: Any) -> tuple[Place, str, str]:
     """Path, cause and remedy of a fault."""
     path = tuple(fault.absolute_path)
@@ -154,6 +162,13 @@ def _description(fault: Any) -> tuple[Place, str, str]:
             f"{fault.instance!r} is not allowed here",
             did_you_mean(str(fault.instance), [str(v) for v in fault.validator_value], what="allowed"),
         )
+    if fault.validator in _LIMITS:
+        said = [f"{words} {fault.schema[key]:g}" for key, words in _LIMITS.items() if key in fault.schema]
+        meaning = fault.schema.get("description", "")
+        remedy = f"give a number {' and '.join(said)}"
+        return path, str(fault.message), f"{remedy}: {meaning}" if meaning else remedy
+    if fault.validator == "type" and fault.instance is None and path:
+        return path, "nothing stands behind it", _of_type(fault)
     if fault.validator == "type":
         return (
             path,
