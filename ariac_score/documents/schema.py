@@ -167,8 +167,6 @@ def _description(fault: Any) -> tuple[Place, str, str]:
         meaning = fault.schema.get("description", "")
         remedy = f"give a number {' and '.join(said)}"
         return path, str(fault.message), f"{remedy}: {meaning}" if meaning else remedy
-    if fault.validator == "type" and fault.instance is None and path:
-        return path, "nothing stands behind it", _of_type(fault)
     if fault.validator == "type":
         return (
             path,
