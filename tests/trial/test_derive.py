@@ -637,3 +637,44 @@ def test_humans_measured_at_once_have_the_distances_they_have_alone() -> None:
             name = f"{quantity}/{ROBOT.id}/{body.id}"
             assert together.signals[name].t.tobytes() == alone.signals[name].t.tobytes()
             assert together.signals[name].values.tobytes() == alone.signals[name].values.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "samples", "metres", "is_twin"),
+    [
+        (3.0, 40, 3.0, True),
+        (3.009, 40, 3.0, True),
+        (3.011, 40, 3.0, False),  # as a distance of surfaces that are 11 mm off their centres
+        (3.0, 20, 3.0, True),
+        (3.0, 19, 3.0, False),
+        (3.0, 40, 1e200, False),  # so far that the distance is no number
+    ],
+)
+def test_what_positions_show_of_a_recorded_distance_is_kept_beside_it_where_both_agree(
+    distance_m: float, samples: int, metres: float, is_twin: bool
+) -> None:
+    t = np.arange(samples) / 100
+    recorded = Signal(f"centre_distance/{PAIR}", "m", t, np.full(samples, distance_m))
+    places = (
+        track("position/gantry", t, (0.0, 0.0, 0.0)),
+        track("position/person_1", t, (metres, 0.0, 0.0)),
+    )
+    found = derive_signals(
+        replace(trial(recorded, *places), between=BetweenSamples()), [Derivation("centre_distance", 0.2)]
+    )
+
+    assert found.signals[recorded.name] is recorded
+    assert found.between is not None
+    assert (recorded.name in found.between.twins) is is_twin
+
+
+def test_a_share_of_samples_that_disagree_makes_two_quantities_of_them() -> None:
+    t = np.arange(100) / 100
+    places = (track("position/gantry", t, (0.0, 0.0, 0.0)), track("position/person_1", t, (3.0, 0.0, 0.0)))
+    for differing, is_twin in ((4, True), (6, False)):
+        values = np.where(np.arange(100) < differing, 2.0, 3.0)
+        recorded = Signal(f"centre_distance/{PAIR}", "m", t, values)
+        logged = replace(trial(recorded, *places), between=BetweenSamples())
+        between = derive_signals(logged, [Derivation("centre_distance", 0.2)]).between
+        assert between is not None
+        assert bool(between.twins) is is_twin
