@@ -20,6 +20,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
+from ariac_score.checks.findings import Verdict
 from ariac_score.engine.price import reprice
 from ariac_score.errors import FormulaError, OtherFactError, RunEndedError, ScoreError
 from ariac_score.ranking.competition import Competition, RunKey, Team
@@ -532,7 +533,9 @@ def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
     for name in names:
         try:
             value = _term(name, run.result, rule_set)
-            least, most = (value, value) if run.open is None else ends_as_decided(name, run.result, rule_set)
+            # Also where the score is one number, as behind a gate: others may be worth more or less for it.
+            ends = ends_as_decided(name, run.result, rule_set) if _is_open(run.result) else (value, value)
+            least, most = ends
         except FormulaError as error:
             return _Others(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
         if not isfinite(most):
@@ -540,6 +543,13 @@ def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
         least, most = min(least, value), max(most, value)
         values[f"{OF_RUNS}{name}"] = {"": value} | ({LEAST: least, MOST: most} if least < most else {})
     return _Others(values, lost)
+
+
+def _is_open(result: Result) -> bool:
+    """Whether anything in a log is open, whatever the score is."""
+    measured = result.measured
+    undecided = (one.verdict is Verdict.INCONCLUSIVE for one in measured.findings.values())
+    return bool(measured.open) or measured.lasted is not None or any(undecided)
 
 
 def _together(others: Sequence[_Others]) -> _Others:

@@ -39,18 +39,23 @@ TASK = 28
 
 def calm() -> Trial:
     """The made trial, with the human 5 m further away at every moment."""
+    return moved(5.0)
+
+
+def moved(by_m: float) -> Trial:
+    """The made trial, with the human further away at every moment, or nearer, but no nearer than 0.3 m."""
     trial = kitting_trial()
     name = "centre_distance/robot/human"
-    far = Signal(name, "m", trial.signals[name].t, trial.signals[name].values + 5.0)
-    return replace(trial, signals={**trial.signals, name: far})
+    values = np.maximum(trial.signals[name].values + by_m, 0.3)
+    return replace(trial, signals={**trial.signals, name: Signal(name, "m", trial.signals[name].t, values)})
 
 
-def unseen() -> Trial:
-    """The made trial with nothing of half a second of its near miss, which may have been nearer still."""
+def unseen(until_s: float = 20.5) -> Trial:
+    """The made trial with nothing of a part of its near miss, which may have been nearer still."""
     trial = kitting_trial()
     signals = {}
     for name, signal in trial.signals.items():
-        seen = (signal.t <= 20.0) | (signal.t >= 20.5)
+        seen = (signal.t <= 20.0) | (signal.t >= until_s)
         signals[name] = replace(signal, t=signal.t[seen], values=signal.values[seen])
     return replace(trial, signals=signals)
 
@@ -227,11 +232,27 @@ def test_a_run_beside_an_open_one_is_open_and_its_result_says_why(tmp_path: Path
 
 
 def test_an_open_run_beside_one_that_certainly_did_more_leaves_nothing_open(tmp_path: Path) -> None:
-    found = ranking(tmp_path, team=[unseen(), calm(), touched(19, 29)], worst=[calm(), touched(19, 29)])
+    found = ranking(tmp_path, team=[unseen(20.1), calm(), moved(-2.0)], worst=[calm(), moved(-2.0)])
 
     calm_runs = {run.team: (run.score, run.open) for run in found.runs if run.kept}
     assert calm_runs["team"] == calm_runs["worst"]
     assert calm_runs["team"][1] is None
+
+
+def test_what_a_run_behind_a_gate_leaves_open_is_open_in_the_others(tmp_path: Path) -> None:
+    """Its contact makes it 0 in every world; how deep it was beside that counts in the other run."""
+    worst, best = (
+        ranking(tmp_path / counts, rules=f"{RULES}open: {counts}\n", team=[calm(), touched(19, 20)])
+        for counts in ("worst", "best")
+        if (tmp_path / counts).mkdir() is None
+    )
+
+    ((least, ends), (most, same)) = (
+        next((run.score, run.open) for run in found.runs if run.number == 1) for found in (worst, best)
+    )
+    assert ends is not None
+    assert ends == same == Ends(least or Decimal(0), most or Decimal(0))
+    assert ends.least < ends.most
 
 
 def test_a_verdict_about_one_run_counts_in_all_runs_of_the_team(tmp_path: Path) -> None:
