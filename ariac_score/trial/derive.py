@@ -218,7 +218,7 @@ def _are_alike(recorded: Signal, twin: Signal) -> bool:
     if recorded.values.ndim > 1 or values.ndim > 1:
         return False
     both = (recorded.t >= twin.t[0]) & (recorded.t <= twin.t[-1])
-    if np.count_nonzero(both) < _FEWEST_ALIKE:
+    if both.sum() < _FEWEST_ALIKE:
         return False
     apart = np.abs(recorded.values[both] - np.interp(recorded.t[both], twin.t, values))
     return bool(np.quantile(apart, _SHARE_ALIKE) <= _ALIKE[quantity_of(recorded.name)])
