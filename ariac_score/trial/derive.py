@@ -210,17 +210,12 @@ _FEWEST_ALIKE, _SHARE_ALIKE = 20, 0.95
 
 def _are_alike(recorded: Signal, twin: Signal) -> bool:
     """Whether a recorded signal, and the same as it follows from others, say the same of the bodies."""
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = twin.values
-    except ValueError:  # positions so far away that their distances are no numbers
-        return False
-    if recorded.values.ndim > 1 or values.ndim > 1:
+    if recorded.values.ndim > 1 or twin.values.ndim > 1:
         return False
     both = (recorded.t >= twin.t[0]) & (recorded.t <= twin.t[-1])
     if both.sum() < _FEWEST_ALIKE:
         return False
-    apart = np.abs(recorded.values[both] - np.interp(recorded.t[both], twin.t, values))
+    apart = np.abs(recorded.values[both] - np.interp(recorded.t[both], twin.t, twin.values))
     return bool(np.quantile(apart, _SHARE_ALIKE) <= _ALIKE[quantity_of(recorded.name)])
 
 
