@@ -1,7 +1,7 @@
 """Signals from signals: speeds from positions, separation and approach from pairs of bodies.
 
-The definitions are those of the monitor catalogue, section 1.1. What a log records itself is never replaced
-by something derived; where that says the same, it bounds the gaps of the recorded one.
+The definitions are those of the monitor catalogue, section 1.1. What a log records
+itself is never replaced by something derived.
 """
 
 from __future__ import annotations
