@@ -24,7 +24,7 @@ from ariac_score.trial.bounds import BetweenSamples, MotionBound
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, within_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span
 from ariac_score.trial.vectors import lengths
 from ariac_score.trial.vocabulary import quantity_of, signal_in_words, subject_of
 
@@ -220,13 +220,17 @@ class Unseen:
         held = signal.at(cells.t)
         least, most = (np.where(is_open, one, held) for one in found)
         twin = self.assumed.twins.get(signal.name)
-        both = None if twin is None or twin is signal else self.bounds(twin, cells)
+        return (least, most) if twin is None or twin is signal else self._as_well(twin, cells, least, most)
+
+    def _as_well(
+        self, twin: Signal, cells: Cells, least: FloatArray, most: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Both ends where a second source shows the signal as well: what both allow, if there is any."""
+        both = self.bounds(twin, cells)
         if both is None:
             return least, most
-        # What both sources allow, if there is any; where samples are not believed, neither source is.
         low, high = np.maximum(least, both[0]), np.minimum(most, both[1])
-        doubted = [*signal.holes, *(one.span for one in signal.disbelieved)]
-        agree = (least < most) & (low <= high) & ~within_spans((cells.t + cells.end) / 2, doubted)
+        agree = (least < most) & (low <= high)
         return np.where(agree, low, least), np.where(agree, high, most)
 
     def times(self, signal: Signal) -> list[FloatArray]:
