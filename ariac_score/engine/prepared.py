@@ -160,16 +160,14 @@ class Prepared:
         )
 
     def between_of(self, trial: Trial) -> BetweenSamples:
-        """The same, where the log lacks samples that its recorder received, or shows something twice."""
+        """The same, where the log lacks samples that its recorder received."""
         poses = {"frames": OF_FRAMES, "models": OF_MODELS}
         source_of = {c.topic: poses[c.poses] for c in self.log_map.channels if c.poses}
         found: Counter[str] = Counter()
         for _, attested in trial.attestations:
             for one in attested.lacking if attested is not None else ():
                 found[source_of.get(one.topic, one.topic)] += one.within
-        twins = FrozenMap() if trial.between is None else trial.between.twins
-        lacking = FrozenMap({source: n for source, n in found.items() if n})
-        return replace(self.between, lacking=lacking, twins=twins)
+        return replace(self.between, lacking=FrozenMap({source: n for source, n in found.items() if n}))
 
     def only(self, names: Iterable[str]) -> Prepared:
         """The same with only some of its checks."""

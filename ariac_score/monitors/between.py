@@ -108,8 +108,7 @@ def _filled(
 ) -> FilledSignals | None:
     """Both ends of all signals; `None` where nothing bounds one of them."""
     rate_m_s = max(unseen.rate_m_s(signal) for signal in signals.values())
-    measured = [t for signal in signals.values() for t in unseen.times(signal)]
-    cells: Cells = cells_of(window, measured, opened, rate_m_s)
+    cells: Cells = cells_of(window, [signal.t for signal in signals.values()], opened, rate_m_s)
     ends = {name: unseen.bounds(signal, cells) for name, signal in signals.items()}
     known = {name: both for name, both in ends.items() if both is not None}
     if len(known) < len(ends):

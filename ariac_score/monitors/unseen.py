@@ -219,24 +219,7 @@ class Unseen:
             return None
         held = signal.at(cells.t)
         least, most = (np.where(is_open, one, held) for one in found)
-        twin = self.assumed.twins.get(signal.name)
-        return (least, most) if twin is None or twin is signal else self._as_well(twin, cells, least, most)
-
-    def _as_well(
-        self, twin: Signal, cells: Cells, least: FloatArray, most: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Both ends where a second source shows the signal as well: what both allow, if there is any."""
-        both = self.bounds(twin, cells)
-        if both is None:
-            return least, most
-        low, high = np.maximum(least, both[0]), np.minimum(most, both[1])
-        agree = (least < most) & (low <= high)
-        return np.where(agree, low, least), np.where(agree, high, most)
-
-    def times(self, signal: Signal) -> list[FloatArray]:
-        """When a signal was sampled, by each of its sources."""
-        twin = self.assumed.twins.get(signal.name)
-        return [signal.t] if twin is None else [signal.t, twin.t]
+        return least, most
 
     def _distance(
         self, signal: Signal, cells: Cells, sides: Sequence[_Sides], rate: float

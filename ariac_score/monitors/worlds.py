@@ -140,7 +140,7 @@ class _Grid:
 
     def cells(self) -> Cells:
         rate = max(self.unseen.rate_m_s(signal) for signal in self.signals.values())
-        measured = [t for signal in self.signals.values() for t in self.unseen.times(signal)]
+        measured = [signal.t for signal in self.signals.values()]
         return cells_of(self.window, measured, self.opened, rate, self.unseen.trial.clocks)
 
 
@@ -200,8 +200,7 @@ def _is_path(
     (name, *others) = known
     signal, unseen = grid.signals[name], grid.unseen
     recorded = not isinstance(signal, Computed) and quantity_of(signal.name) in (*DISTANCES, *SPEEDS)
-    seen_twice = len(unseen.times(signal)) > 1
-    loose = others or optional or unseen.remarks or monitor.flags or unseen.error_s(signal) or seen_twice
+    loose = others or optional or unseen.remarks or monitor.flags or unseen.error_s(signal)
     return recorded and not loose
 
 

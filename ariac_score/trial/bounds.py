@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ariac_score.trial.frozen import FrozenMap
-from ariac_score.trial.signals import Signal
 
 __all__ = ["DEFAULT_BOUNDS", "ERRORS", "USUAL_INTERVALS", "BetweenSamples", "MotionBound", "between_samples"]
 
@@ -59,7 +58,6 @@ class BetweenSamples:
         time_error_s: How far a stamp may lie from the time it is for, s.
         distance_error_m: How far a measured distance may lie from the true one, m.
         lacking: How many samples a recorder received and the log lacks, by the source of a signal.
-        twins: By name, recorded signals once more, as they follow from others that show the same.
     """
 
     bounds: Mapping[str, MotionBound] = field(default_factory=lambda: DEFAULT_BOUNDS)
@@ -67,7 +65,6 @@ class BetweenSamples:
     time_error_s: float = 0.0
     distance_error_m: float = 0.0
     lacking: Mapping[str, int] = field(default_factory=FrozenMap)
-    twins: Mapping[str, Signal] = field(default_factory=FrozenMap)
 
     def of(self, kind: str) -> MotionBound | None:
         """The bound of a kind of body; `None` where nobody knows one."""

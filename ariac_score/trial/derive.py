@@ -14,7 +14,6 @@ from types import MappingProxyType
 import numpy as np
 
 from ariac_score.trial.computed import Computed
-from ariac_score.trial.frozen import FrozenMap
 from ariac_score.trial.model import Body, LogDefect, Trial
 from ariac_score.trial.nearest import Closest, Made, Nearest, Points
 from ariac_score.trial.signals import Signal, common_times
@@ -170,53 +169,9 @@ def derive_signals(
         for subject in subjects[quantity]:
             deriver.get(f"{quantity}/{subject}", gaps[quantity])
     defects = tuple(sorted({*trial.log_defects, *deriver.defects}))
-    recorded = {
-        name: gaps[quantity]
-        for quantity in sorted(gaps.keys() & _ALIKE.keys())
-        for subject in subjects[quantity]
-        if (name := f"{quantity}/{subject}") in trial.signals
-    }
-    between = trial.between
-    if recorded and between is not None:
-        others = {name: signal for name, signal in trial.signals.items() if name not in recorded}
-        again = _Deriver(replace(trial, signals=others), speed_window_s, shortest, brought, together)
-        found = {name: again.get(name, gap_s) for name, gap_s in recorded.items()}
-        between = replace(
-            between,
-            twins=FrozenMap(
-                {
-                    name: twin
-                    for name, twin in found.items()
-                    if twin is not None and _are_alike(trial.signals[name], twin)
-                }
-            ),
-        )
     return replace(
-        trial,
-        signals={k: deriver.signals[k] for k in sorted(deriver.signals)},
-        log_defects=defects,
-        between=between,
+        trial, signals={k: deriver.signals[k] for k in sorted(deriver.signals)}, log_defects=defects
     )
-
-
-_ALIKE: Mapping[str, float] = {
-    **dict.fromkeys(("centre_distance", "centre_distance_2d", "separation", "body_separation"), 0.01),
-    **dict.fromkeys(("speed", "tcp_speed"), 0.02),
-}
-"""Two sources that say the same differ by no more than what comes of late stamps and of speeds over several
-samples, m or m/s; a distance of surfaces differs by far more from one of centres. Our choice."""
-_FEWEST_ALIKE, _SHARE_ALIKE = 20, 0.95
-
-
-def _are_alike(recorded: Signal, twin: Signal) -> bool:
-    """Whether a recorded signal, and the same as it follows from others, say the same of the bodies."""
-    if recorded.values.ndim > 1 or twin.values.ndim > 1:
-        return False
-    both = (recorded.t >= twin.t[0]) & (recorded.t <= twin.t[-1])
-    if both.sum() < _FEWEST_ALIKE:
-        return False
-    apart = np.abs(recorded.values[both] - np.interp(recorded.t[both], twin.t, twin.values))
-    return bool(np.quantile(apart, _SHARE_ALIKE) <= _ALIKE[quantity_of(recorded.name)])
 
 
 def _subjects(trial: Trial, wanted: Derivation) -> Iterator[str]:
