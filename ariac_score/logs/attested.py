@@ -478,6 +478,8 @@ def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> tuple[str
         types = {connection.type for connection in connections}
         if received and (others := sorted(types - {normalised_type(received)})):
             raise _UnfitError(f"on {topic!r} it has messages of {others[0]!r}, and its recorder {received!r}")
+        if len({connection.encoding for connection in connections}) > 1:
+            raise _UnfitError(f"it encodes the messages on {topic!r} in two ways")
         of_ros1 = not any(one.startswith(_RIHS) for one in known)
         hashes = {definition_hash(connection, of_ros1=of_ros1) for connection in connections}
         if not known or any(one.endswith(_EVENT) for one in types):
