@@ -427,8 +427,8 @@ Change = Callable[[str, bytes, bytes], Iterable[tuple[str, bytes, bytes, int]]]
 """From topic, definition and bytes of a message to what is written for it: these, and which channel."""
 
 
-def rewritten(path: Path, change: Change) -> Path:
-    """A recording whose messages stand on other channels."""
+def rewritten(path: Path, change: Change, encodings: Mapping[int, str] | None = None) -> Path:
+    """A recording whose messages stand on other channels, some of another encoding."""
     out = path.with_name("altered.mcap")
     with path.open("rb") as source, out.open("wb") as sink:
         reader, writer, channels = make_reader(source), Writer(sink), dict[tuple[str, bytes, int], int]()
@@ -439,7 +439,8 @@ def rewritten(path: Path, change: Change) -> Path:
                 key = topic, definition, which
                 if key not in channels:
                     number = writer.register_schema(schema.name, schema.encoding, definition)
-                    channels[key] = writer.register_channel(topic, channel.message_encoding, number)
+                    encoding = (encodings or {}).get(which, channel.message_encoding)
+                    channels[key] = writer.register_channel(topic, encoding, number)
                 writer.add_message(channels[key], message.log_time, data, message.publish_time)
         writer.finish()
     return out
@@ -519,6 +520,20 @@ def test_a_message_on_a_topic_that_is_spelt_without_its_slash_was_put_in(
             yield topic.lstrip("/"), text, data, 0
 
     assert attestation_of(rewritten(path, twice), 0).put_in == ((EVENTS, 1),)
+
+
+@pytest.mark.parametrize("encoding", ["json", "ros1", ""])
+def test_a_message_under_another_encoding_is_no_message_of_its_recorder(
+    encoding: str, tmp_path: Path, signing: Signing
+) -> None:
+    path = write_bag(tmp_path / "run.mcap", attested(events(), signing[1]), storage="mcap")
+
+    def apart(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield topic, text, data, 1 if topic == EVENTS and is_collision(data) else 0
+
+    assert attestation_of(rewritten(path, apart), 0).problem == ""
+    found = attestation_of(rewritten(path, apart, {1: encoding}), 0)
+    assert found.problem == "it encodes the messages on '/ariac_score/events' in two ways"
 
 
 def test_a_message_that_is_there_twice_is_left_out_once(tmp_path: Path, signing: Signing) -> None:
