@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from msgspec import structs
@@ -20,20 +20,33 @@ from ariac_score.errors import DataFileError, FormulaError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import (
+    AS_ZERO,
     WITH_SCORE,
     Ranking,
     RunOutcome,
     Stewarded,
-    beside_decided,
+    others_of,
+    priced_beside,
     rank_again,
     terms_of,
+    values_beside,
+    with_lost,
+    without_others,
 )
 from ariac_score.ranking.spec import Spec
-from ariac_score.results.adjustments import Adjustments, apply, check_targets, priced_with
+from ariac_score.results.adjustments import (
+    Adjustments,
+    apply,
+    check_targets,
+    interval_that_counts,
+    priced_with,
+)
+from ariac_score.results.cohort_file import Cohort
+from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
+from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
-from ariac_score.scoring.interval import ScoreInterval
 from ariac_score.scoring.pricing import Priced
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import (
@@ -61,20 +74,24 @@ def adjusted_ranking(
     decided: dict[RunKey, list[Adjustment]] = {}
     for decision in adjustments.decisions:
         decided.setdefault(_target(decision, ranking.runs).key, []).append(decision)
-    runs = {run.key: run for run in ranking.runs}
-    changed = {
-        key: _changed(runs[key], own, rule_set, spec, ranking, adjustments.sha256)
-        if runs[key].result is not None
-        else _ruled(runs[key], own, rule_set, adjustments.sha256)
-        for key, own in decided.items()
-    }
+    context = _Context(spec, rule_set, ranking.cohort, adjustments.sha256)
+    of_teams = {(team, trial) for team, trial, _ in decided}
+    ranked = [run for run in ranking.runs if (run.team, run.trial) in of_teams]
+    alone = {run.key: without_others(run, spec, rule_set) for run in ranked}
+    after_verdicts = [
+        _changed(run, decided[key], None, context) if key in decided else run for key, run in alone.items()
+    ]
     # What they say that a run did, its team did in all of its runs.
-    for key, run in beside_decided(ranking, spec, rule_set, changed).items():
-        own = decided.get(key, [])
-        if own:
-            changed[key] = _changed(run, own, rule_set, spec, ranking, adjustments.sha256)
-        elif (run.outcome, run.score, run.open) != (runs[key].outcome, runs[key].score, runs[key].open):
-            changed[key] = run
+    others = others_of(after_verdicts, rule_set)
+    changed = {}
+    for run in ranked:
+        beside = others.get(run.key)
+        if run.key in decided:
+            changed[run.key] = _changed(alone[run.key], decided[run.key], beside, context)
+        elif beside is not None:
+            now = priced_beside(alone[run.key], rule_set, ranking.cohort, beside)
+            if (now.outcome, now.score, now.open) != (run.outcome, run.score, run.open):
+                changed[run.key] = now
     after = rank_again(competition, spec, rule_set, ranking, changed)
     kept = tuple(as_kept(decision) for decision in adjustments.decisions)
     return replace(ranking, stewarded=Stewarded(after, kept, adjustments.sha256))
@@ -163,63 +180,88 @@ def _because(adjusted: Adjusted) -> str:
     return "; ".join(f"{a.author}: {a.effect}: {a.reason}" for a in adjusted.adjustments)
 
 
+@dataclass(frozen=True)
+class _Context:
+    """By what runs are priced again.
+
+    Attributes:
+        spec: How runs become a ranking.
+        rule_set: That of the ranking.
+        cohort: The values across teams of the automatic ranking.
+        sha256: Of the file of decisions.
+    """
+
+    spec: Spec
+    rule_set: RuleSet
+    cohort: Cohort | None
+    sha256: str
+
+
 def _changed(
-    run: RunOutcome,
-    own: Sequence[Adjustment],
-    rule_set: RuleSet,
-    spec: Spec,
-    ranking: Ranking,
-    sha256: str,
+    run: RunOutcome, own: Sequence[Adjustment], others: CohortValues | None, context: _Context
 ) -> RunOutcome:
-    """A run as the decisions about it leave it."""
-    assert run.result is not None  # its measurement is what the decision names
-    result = run.result
-    # An undecided run was not kept, so nobody has priced it with the values across teams yet.
-    if ranking.cohort is not None and run.outcome == "undecided":
-        result = reprice(result, rule_set, ranking.cohort.of_trial(run.trial))
+    """A run as the decisions about it leave it.
+
+    Args:
+        run: Without other teams and runs.
+        own: The decisions about it.
+        others: What other runs of its team did after all decisions, where the rules ask for it.
+        context: By what it is priced.
+    """
+    result, rule_set = run.result, context.rule_set
+    if result is None:
+        return _ruled(run, own, rule_set, context.sha256)
+    values = values_beside(run.trial, context.cohort, others)
+    if values is not None:
+        with suppress(FormulaError):
+            result = reprice(result, rule_set, values)
     check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
-    adjusted = apply(result, own, rule_set, sha256=sha256)
+    adjusted = apply(result, own, rule_set, sha256=context.sha256)
     decided = replace(result, adjusted=adjusted)
     terms = run.terms
     if terms:
         with suppress(FormulaError):
-            terms = terms_of(decided, spec, rule_set)
+            terms = terms_of(decided, context.spec, rule_set)
+    ends = _ends(run, decided, alone=values is None)
     return replace(
         run,
         outcome=_outcome(run, adjusted),
-        cause=_because(adjusted),
+        cause=_cause(run, decided, ends),
         score=adjusted.score,
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),
         task=_task(run, result, adjusted, rule_set),
         terms=terms,
         result=decided,
-        open=_ends(run, adjusted, _left_open(result, adjusted, rule_set)),
+        open=ends,
     )
 
 
-def _left_open(result: Result, adjusted: Adjusted, rule_set: RuleSet) -> ScoreInterval | None:
-    """What verdicts leave open of a result; `None`: nothing, or it has no score."""
-    if adjusted.score is None or not any(a.verdict for a in adjusted.adjustments):
+def _ends(run: RunOutcome, decided: Result, *, alone: bool) -> Ends | None:
+    """Between what the score of a run lies after the decisions about it."""
+    assert decided.adjusted is not None  # by them
+    # As in the ranking: what others make of a score that its own log withholds is not followed.
+    is_withheld = decided.adjusted.score is None and run.outcome not in WITH_SCORE
+    if run.outcome in AS_ZERO or (is_withheld and not alone):
         return None
-    # It was priced a moment ago, so it has a value.
-    findings = with_verdicts(result.measured.findings, adjusted.adjustments)
-    return priced_with(result, findings, rule_set).interval
+    left = interval_that_counts(decided)
+    return None if left is None else Ends(left.least, left.most)
 
 
-def _ends(run: RunOutcome, adjusted: Adjusted, left: ScoreInterval | None) -> Ends | None:
-    """Between what an adjusted score lies: points move both ends of what is open, verdicts leave others."""
-    if run.open is None or adjusted.score is None or any(a.settles for a in adjusted.adjustments):
-        return None
-    by = sum((a.points for a in adjusted.adjustments if a.points is not None), Decimal(0))
-    if not any(a.verdict for a in adjusted.adjustments):
-        return Ends(run.open.least + by, run.open.most + by)
-    return None if left is None else Ends(left.least + by, left.most + by)
+def _cause(run: RunOutcome, decided: Result, ends: Ends | None) -> str:
+    """What stewards decided, and what is still unknown of other runs of the team."""
+    assert decided.adjusted is not None  # by them
+    cause = _because(decided.adjusted)
+    if decided.adjusted.score is None and run.outcome in WITH_SCORE:
+        return f"{cause}; {why_withheld(decided)}"
+    return with_lost(cause, decided.cohort, ends)
 
 
 def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
     if adjusted.disqualified:
         return "disqualified"
+    if adjusted.score is None and run.outcome in WITH_SCORE:  # another run withholds it
+        return "undecided"
     # A run without a score of its own that stewards give one counts as any scored run; points alone leave it
     # crashed. An undecided one has a score as soon as all that withheld it is decided.
     given = any(a.score is not None for a in adjusted.adjustments)

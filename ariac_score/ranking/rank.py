@@ -37,7 +37,7 @@ from ariac_score.ranking.spec import COUNT_BACK, Key, Spec
 from ariac_score.results.adjustments import counted_as_decided, ends_as_decided
 from ariac_score.results.codec import leave_out_empty
 from ariac_score.results.cohort_file import Cohort, contributed, make_cohort
-from ariac_score.results.doubt import ends_where_runs_are_lost, why_withheld
+from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Pinned, Result
 from ariac_score.scoring.cohort import LEAST, MOST, CohortValues
 from ariac_score.scoring.decimals import in_own_decimals
@@ -47,7 +47,7 @@ from ariac_score.scoring.policy import assume
 from ariac_score.scoring.pricing import Contributed
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.scope import lasting
-from ariac_score.scoring.steward import Adjustment
+from ariac_score.scoring.steward import Adjustment, with_verdicts
 
 __all__ = [
     "AS_ZERO",
@@ -59,15 +59,19 @@ __all__ = [
     "RunOutcome",
     "Stewarded",
     "TeamRank",
-    "beside_decided",
     "cell_digits",
     "final_ranking",
     "is_scored",
     "merit",
+    "others_of",
+    "priced_beside",
     "rank_again",
     "rank_results",
     "remarks_on_team",
     "terms_of",
+    "values_beside",
+    "with_lost",
+    "without_others",
 ]
 
 OUTCOMES: Mapping[str, str] = {
@@ -268,9 +272,9 @@ def rank_results(
     outcomes += [RunOutcome(*key, "refused", reason) for key, reason in competition.refused.items()]
     kept = _kept(outcomes, spec)
     cohort = _cohort(competition, rule_set, kept) if rule_set.sheet.needs_cohort else None
-    others = _others(outcomes, rule_set)
+    others, counting = others_of(outcomes, rule_set), {run.key for best in kept.values() for run in best}
     outcomes = [
-        _priced(run, kept, rule_set, cohort, others.get(run.key))
+        priced_beside(replace(run, kept=run.key in counting), rule_set, cohort, others.get(run.key))
         for run in sorted(outcomes, key=lambda run: run.key)
     ]
     return _ranking(competition, spec, rule_set, outcomes, cohort)
@@ -281,30 +285,18 @@ def final_ranking(ranking: Ranking) -> Ranking:
     return ranking.stewarded.ranking if ranking.stewarded else ranking
 
 
-def beside_decided(
-    ranking: Ranking, spec: Spec, rule_set: RuleSet, changed: Mapping[RunKey, RunOutcome]
-) -> dict[RunKey, RunOutcome]:
-    """Automatic outcomes of the runs whose team stewards decided about in the same trial.
-
-    Where the rules count what all runs of a team did, a verdict about one is worth something in the others.
+def without_others(run: RunOutcome, spec: Spec, rule_set: RuleSet) -> RunOutcome:
+    """A run of a ranking before other runs and teams were looked at.
 
     Args:
-        ranking: An automatic ranking.
-        spec: As for `ranking`.
-        rule_set: As for `ranking`.
-        changed: The runs that they decided about, as the decisions leave them.
+        run: As ranked.
+        spec: As for the ranking.
+        rule_set: As for the ranking.
     """
-    groups = {(team, trial) for team, trial, _ in changed}
-    runs = [run for run in ranking.runs if (run.team, run.trial) in groups]
-    others = _others([changed.get(run.key, run) for run in runs], rule_set)
-    return {
-        run.key: _priced(
-            _outcome(run.key, run.result, rule_set, spec, partial=True), {}, rule_set, ranking.cohort, own
-        )
-        for run in runs
-        # What is cut off and not to be ranked has a result as well.
-        if run.result is not None and run.outcome != "unreadable" and (own := others.get(run.key))
-    }
+    # What is cut off and not to be ranked has a result as well.
+    if run.result is None or run.outcome == "unreadable":
+        return run
+    return _outcome(run.key, reprice(run.result, rule_set), rule_set, spec, partial=True)
 
 
 def terms_of(result: Result, spec: Spec, rule_set: RuleSet) -> dict[str, float]:
@@ -437,7 +429,12 @@ def _term(name: str, result: Result, rule_set: RuleSet) -> float:
     formula = Expression.parse(name, where=f"$.ranking: {name}")
     sheet, measured = rule_set.sheet, result.measured
     # In the world whose score counts: else a team would be ahead, or calm, for what its log does not show.
-    findings = measured.findings if sheet.needs_cohort else counted_as_decided(result, rule_set).findings
+    decisions = () if result.adjusted is None else result.adjusted.adjustments
+    findings = (
+        with_verdicts(measured.findings, decisions)
+        if sheet.needs_cohort
+        else counted_as_decided(result, rule_set).findings
+    )
     findings = assume(findings, rule_set.policies, priced=sheet.scored).findings
     trial, lasted = measured.scopes, measured.lasted
     if lasted is not None and DURATION in sheet.facts_in(formula):
@@ -491,25 +488,10 @@ def _contribution(run: RunOutcome, rule_set: RuleSet) -> Contributed:
         return Contributed((), dict.fromkeys(rule_set.sheet.cohort, error.cause))
 
 
-@dataclass(frozen=True)
-class _Others:
-    """What other runs of a team and trial did, which the rules call `runs.…` together with the own.
-
-    Attributes:
-        values: The greatest of each term over those that are known, as `CohortValues` has them.
-        lost: Which run is not known, in words; empty where all are.
-        withheld: Which run the rules withhold, in words; empty where they withhold none.
-    """
-
-    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    lost: str = ""
-    withheld: str = ""
-
-
 _OF_ALL = "and the rules count what all runs did"
 
 
-def _others(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[RunKey, _Others]:
+def others_of(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[RunKey, CohortValues]:
     """For each run that has others what they did; nothing where the rules do not ask."""
     names = rule_set.sheet.pooled
     groups: dict[tuple[str, str], list[RunOutcome]] = {}
@@ -523,12 +505,12 @@ def _others(outcomes: Sequence[RunOutcome], rule_set: RuleSet) -> dict[RunKey, _
     return found
 
 
-def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
+def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> CohortValues:
     """What one run did."""
     if run.outcome == "undecided":
-        return _Others(withheld=f"run {run.number} is undecided, {_OF_ALL}")
+        return CohortValues(withheld=f"run {run.number} is undecided, {_OF_ALL}")
     if run.result is None or not _says_what_it_did(run):
-        return _Others(lost=f"run {run.number} is {run.outcome}, {_OF_ALL}")
+        return CohortValues(lost=f"run {run.number} is {run.outcome}, {_OF_ALL}")
     values, lost = {}, ""
     for name in names:
         try:
@@ -537,12 +519,12 @@ def _did(run: RunOutcome, names: Sequence[str], rule_set: RuleSet) -> _Others:
             ends = ends_as_decided(name, run.result, rule_set) if _is_open(run.result) else (value, value)
             least, most = ends
         except FormulaError as error:
-            return _Others(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
+            return CohortValues(lost=f"run {run.number}: {error.cause}, {_OF_ALL}")
         if not isfinite(most):
             lost, most = f"nothing bounds what run {run.number} did, {_OF_ALL}", value
         least, most = min(least, value), max(most, value)
         values[f"{OF_RUNS}{name}"] = {"": value} | ({LEAST: least, MOST: most} if least < most else {})
-    return _Others(values, lost)
+    return CohortValues(values=values, lost=lost)
 
 
 def _is_open(result: Result) -> bool:
@@ -552,7 +534,7 @@ def _is_open(result: Result) -> bool:
     return bool(measured.open) or measured.lasted is not None or any(undecided)
 
 
-def _together(others: Sequence[_Others]) -> _Others:
+def _together(others: Sequence[CohortValues]) -> CohortValues:
     """What several runs did: of all that never falls with one more run only the greatest stays as it is when
     a run is repeated.
     """
@@ -561,10 +543,10 @@ def _together(others: Sequence[_Others]) -> _Others:
         own = [one.values[name] for one in others if name in one.values]
         value, least, most = (max(by.get(end, by[""]) for by in own) for end in ("", LEAST, MOST))
         values[name] = {"": value} | ({LEAST: least, MOST: most} if least < most else {})
-    return _Others(
-        values,
-        next((one.lost for one in others if one.lost), ""),
-        next((one.withheld for one in others if one.withheld), ""),
+    return CohortValues(
+        values=values,
+        lost=next((one.lost for one in others if one.lost), ""),
+        withheld=next((one.withheld for one in others if one.withheld), ""),
     )
 
 
@@ -574,59 +556,50 @@ def _says_what_it_did(run: RunOutcome) -> bool:
     return run.outcome in WITH_SCORE or ended
 
 
-def _priced(
-    run: RunOutcome,
-    kept: Mapping[tuple[str, str], tuple[RunOutcome, ...]],
-    rule_set: RuleSet,
-    cohort: Cohort | None,
-    others: _Others | None,
+def values_beside(trial: str, cohort: Cohort | None, others: CohortValues | None) -> CohortValues | None:
+    """With what a run is priced of other teams and runs; `None` where it is priced alone."""
+    if cohort is None:
+        return others
+    values = cohort.of_trial(trial)
+    if others is None:
+        return values
+    return replace(others, sha256=values.sha256, values={**values.values, **others.values})
+
+
+def priced_beside(
+    run: RunOutcome, rule_set: RuleSet, cohort: Cohort | None, others: CohortValues | None
 ) -> RunOutcome:
-    """A run with its score, where the rules compare teams or runs, and whether it is kept.
+    """A run with its score, where the rules compare teams or runs.
 
     What others of its team did is priced as it counts; where that is open, so is the score.
     """
-    counts = any(run.key == best.key for best in kept.get((run.team, run.trial), ()))
+    values = values_beside(run.trial, cohort, others)
+    if values is None:
+        return run
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
         # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
-        alone = cohort is None and others is None
-        return replace(run, kept=counts, open=run.open if alone else None)
-    if cohort is None and others is None:
-        return replace(run, kept=counts)
-    values = cohort.of_trial(run.trial) if cohort is not None else CohortValues()
-    values = replace(values, values={**values.values, **(others.values if others else {})})
+        return replace(run, open=None)
     try:
         result = reprice(run.result, rule_set, values)
     except FormulaError as error:
         return replace(run, outcome="no_value", cause=_error_text(error), kept=False)
-    if result.score is None:
-        return replace(run, outcome="no_value", cause=result.missing, result=result, kept=False)
-    priced = replace(run, score=result.score, result=result, kept=counts, open=_ends(result))
-    if others is None or not (others.lost or others.withheld):
-        return priced
-    return _beside_lost(priced, others, rule_set, values)
+    ends = _ends(result)
+    if result.score is not None:
+        return replace(
+            run, score=result.score, result=result, cause=with_lost(run.cause, values, ends), open=ends
+        )
+    # Others that withhold it are no reason to say that the rules have no value for it.
+    outcome = "undecided" if ends or values.beyond else "no_value"
+    cause = why_withheld(result)
+    return replace(run, outcome=outcome, cause=cause, score=None, result=result, kept=False, open=ends)
 
 
-def _beside_lost(run: RunOutcome, others: _Others, rule_set: RuleSet, known: CohortValues) -> RunOutcome:
-    """A run beside one that may have done anything, where the rules count what all runs did.
-
-    A lost log costs nobody: the runs that are known count what they are worth by what is known. What the
-    lost one may have done opens their scores downwards, so no claim rests on its having been calm.
-    """
-    assert run.result is not None  # it was priced
-    assert run.score is not None
-    bounds = ends_where_runs_are_lost(run.result, rule_set, known)
-    ends = None
-    if bounds is not None:
-        ends = (run.open or Ends(run.score, run.score)).around(bounds[0]).around(bounds[1])
-        ends = None if ends.least == ends.most else ends
-    if others.withheld or bounds is None:
-        nothing = "" if bounds is not None else "; nothing bounds what that makes of the score"
-        cause = (others.withheld or others.lost) + nothing
-        return replace(run, outcome="undecided", cause=cause, score=None, kept=False, open=ends)
-    if not others.lost or ends is None:
-        return replace(run, open=ends)
-    said = f"{others.lost}: scored by those that are known, and possibly from {ends.least:f} to {ends.most:f}"
-    return replace(run, cause="; ".join(filter(None, (run.cause, said))), open=ends)
+def with_lost(cause: str, values: CohortValues, ends: Ends | None) -> str:
+    """What is said of a run, with what a lost log beside it leaves open."""
+    if not values.lost or ends is None:
+        return cause
+    said = f"{values.lost}: scored by those that are known, and possibly from {ends.least:f} to {ends.most:f}"
+    return "; ".join(filter(None, (cause, said)))
 
 
 def _worst(competition: Competition, outcomes: Sequence[RunOutcome], spec: Spec) -> dict[str, Decimal]:

@@ -34,6 +34,7 @@ _COUNTS = {
     "worst": "the lower end counts",
     "best": "the upper end counts",
     "withhold": "neither counts until that is decided",
+    "known": "what is known counts, for a lost log costs nobody",
 }
 
 

@@ -250,6 +250,7 @@ def apply(result: Result, own: Sequence[Adjustment], rule_set: RuleSet, *, sha25
         lambda findings: priced_with(result, findings, rule_set),
         digits=rule_set.digits,
         sha256=sha256,
+        lacking=result.missing,
     )
 
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
-
 from ariac_score.checks.findings import Verdict
 from ariac_score.results.result import SEQUENCE, Measured, Result
-from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.left_open import LeftOpen
 from ariac_score.scoring.policy import Assumption
-from ariac_score.scoring.pricing import CountedWorld, counted_world, ends_beyond
+from ariac_score.scoring.pricing import CountedWorld, counted_world
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.trial.statements import NOBODY
 
-__all__ = ["as_scored", "counted", "ends_where_runs_are_lost", "left_open", "undecided_text", "why_withheld"]
+__all__ = ["as_scored", "counted", "left_open", "undecided_text", "why_withheld"]
 
 _PAUSE = "t_off_s"
 """How long a pause must be for two violations to be two, as monitors name it."""
@@ -94,29 +91,3 @@ def why_withheld(result: Result) -> str:
             if one.policy == "withhold"
         ] or [result.status]
     return f"{first}, and {len(others)} more" if others else first
-
-
-def ends_where_runs_are_lost(
-    result: Result, rule_set: RuleSet, known: CohortValues
-) -> tuple[Decimal, Decimal] | None:
-    """Between which ends a score lies where a run of the team was lost, and rules count what all runs did.
-
-    Args:
-        result: Of a run that can be read.
-        rule_set: By which it is priced.
-        known: The values across teams and over the runs that can be read.
-
-    Returns:
-        Least and most: the lost run may have done anything. `None` where nothing bounds the score.
-    """
-    measured = result.measured
-    return ends_beyond(
-        measured.findings,
-        measured.scopes,
-        rule_set.sheet,
-        rule_set.policies,
-        digits=rule_set.digits,
-        cohort=known,
-        measures=measured.measures,
-        left_open=as_scored(result, rule_set),
-    )

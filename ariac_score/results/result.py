@@ -462,3 +462,4 @@ class Result:
         if adjusted is not None and adjusted.ledger is not None and adjusted.score is not None:
             reconcile(adjusted.ledger, adjusted.score, digits=self.digits)
         leave_out_empty(self, "interval")
+        leave_out_empty(self.cohort, "lost", "withheld")

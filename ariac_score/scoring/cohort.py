@@ -51,10 +51,20 @@ class CohortValues:
         sha256: Of the cohort they were taken from; empty for none.
         values: By name and path of the scope (empty for the trial). Of `runs.…` the value that counts, and
             `LEAST` and `MOST` where logs of other runs leave that open.
+        lost: Which other run may have done anything, as its log is lost, in words; empty where none. It costs
+            nobody: what is known is the score. It opens the score, so no claim rests on its having been calm.
+        withheld: Which other run the rules withhold, and with it this one, in words; empty where none.
     """
 
     sha256: str = ""
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lost: str = ""
+    withheld: str = ""
+
+    @property
+    def beyond(self) -> str:
+        """Which other run may have done more than is known of it, in words; empty where none."""
+        return self.withheld or self.lost
 
     @property
     def open_runs(self) -> Mapping[str, tuple[float, float]]:

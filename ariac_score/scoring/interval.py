@@ -13,8 +13,9 @@ COUNTS = {
     "worst": "the least score that the log allows",
     "best": "the greatest score that the log allows",
     "withhold": "no score until everything is decided",
+    "known": "what the logs that are known are worth, where one of another run is lost",
 }
-"""Which end of the interval is the score, as `open:` of a rule set says."""
+"""Which end of the interval is the score, as `open:` of a rule set says; `known` is none of its ends."""
 Counts = Annotated[str, Meta(pattern=f"^({'|'.join(COUNTS)})$")]
 
 
@@ -43,7 +44,7 @@ class ScoreInterval(Struct, frozen=True, forbid_unknown_fields=True):
         most: Likewise.
         tight: Whether both ends are the scores of worlds that the log allows; else they are bounds
             that no world exceeds.
-        counts: Which end is the score: `worst`, `best`, or none (`withhold`).
+        counts: Which end is the score: `worst`, `best`, or none (`withhold`, `known`).
         narrowing: What would narrow it, most first.
         unseen: By how much the score is lower for what no sample shows: what the samples of the monitors
             alone would be worth, less the score. It is left out where it is 0, or has no value.

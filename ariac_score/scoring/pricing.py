@@ -25,7 +25,7 @@ from ariac_score.scoring.left_open import DURATION, OF_RUNS, LeftOpen, Variable,
 from ariac_score.scoring.levels import TRIAL
 from ariac_score.scoring.policy import OPEN, Assumed, Assumption, assume, ideal
 from ariac_score.scoring.scope import Scope
-from ariac_score.scoring.settled import Settled, ends_around, interval_of, settle
+from ariac_score.scoring.settled import Settled, ends_around, interval_around, interval_of, settle
 from ariac_score.scoring.sheet import ScoreSheet
 from ariac_score.scoring.worlds import tree_of
 
@@ -35,7 +35,6 @@ __all__ = [
     "Priced",
     "contribute",
     "counted_world",
-    "ends_beyond",
     "ends_of_term",
     "price",
     "value_of",
@@ -192,6 +191,15 @@ def price(
     if withheld or not settled.is_bounded:
         missing_words = "" if settled.is_bounded else maker.without_bound(settled, scored)
         return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
+    if cohort.beyond and not maker.is_zeroed(sheet.scored):
+        ends = ends_around(settled, replaced(settled.worlds, beyond=_beyond(sheet)), digits)
+        if ends is None:
+            nothing = f"{cohort.beyond}; nothing bounds what that makes of the score"
+            return Priced("incomplete", None, task, possible, assumptions, nothing)
+        counts = maker.counts if cohort.withheld else "known"
+        interval = interval_around(interval, ends, settled.ends(digits), counts, cohort.beyond)
+        if cohort.withheld:
+            return Priced("incomplete", None, task, possible, assumptions, cohort.withheld, interval)
     ledger = maker.ledger(sheet.score, settled, sheet.scored, "score")
     if possible is not None and possible < (interval.most if interval else ledger.amount):
         possible = None
@@ -295,44 +303,9 @@ def ends_of_term(
     return worlds.end(least=True).value, worlds.end(least=False).value
 
 
-@in_own_decimals
-def ends_beyond(
-    findings: Mapping[str, Finding],
-    scopes: Scope,
-    sheet: ScoreSheet,
-    policies: Mapping[str, str],
-    *,
-    digits: int,
-    cohort: CohortValues,
-    measures: Mapping[str, Mapping[str, Measure]],
-    left_open: LeftOpen,
-) -> tuple[Decimal, Decimal] | None:
-    """Between which ends a score lies where another run may have done more than is known of all of them.
-
-    Args:
-        findings: By id.
-        scopes: The scopes, outermost.
-        sheet: The formulas.
-        policies: What undecided findings count as, by check.
-        digits: Decimal digits of the score.
-        cohort: The values across teams, and `runs.…` over the runs that are known.
-        measures: What checks declare of their quantities, by check and quantity.
-        left_open: What the log leaves open, and which end of it counts.
-
-    Returns:
-        Least and most; `None` where nothing bounds the score.
-    """
-    assumed = assume(findings, policies, priced=sheet.scored)
-    scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
-    if assumed.zeroed:
-        return Decimal(0), Decimal(0)
-    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures, cohort)
-    known = Worlds(sheet, sheet.score, scopes, assumed.findings, variables, cohort, measures)
-    beyond = frozenset(f"{OF_RUNS}{name}" for name in sheet.pooled)
-    try:
-        return ends_around(settle(known, counts=left_open.counts), replaced(known, beyond=beyond), digits)
-    except FormulaError:
-        return None
+def _beyond(sheet: ScoreSheet) -> frozenset[str]:
+    """What another run may have done more of than is known."""
+    return frozenset(f"{OF_RUNS}{name}" for name in sheet.pooled)
 
 
 def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset[str]:

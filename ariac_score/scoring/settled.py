@@ -8,6 +8,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from math import inf, isfinite
 
 from msgspec import UNSET, UnsetType
+from msgspec.structs import replace as replaced
 
 from ariac_score.checks.findings import Finding
 from ariac_score.checks.open_findings import by_source
@@ -18,7 +19,7 @@ from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.ledger import rounded
 from ariac_score.scoring.scope import Scope
 
-__all__ = ["Settled", "ends_around", "interval_of", "settle"]
+__all__ = ["Settled", "ends_around", "interval_around", "interval_of", "settle"]
 
 MOST_CAUSES = 40
 """Of more causes nobody asks how much each is worth."""
@@ -191,6 +192,32 @@ def interval_of(settled: Settled, digits: int, counts: str) -> ScoreInterval | N
         return None
     tight, narrowing = _is_tight(settled), _narrowing(settled, digits)
     return ScoreInterval(least, most, tight, counts, narrowing, _unseen(settled, digits))
+
+
+def interval_around(
+    known: ScoreInterval | None,
+    ends: tuple[Decimal, Decimal],
+    own: tuple[Decimal, Decimal],
+    counts: str,
+    why: str,
+) -> ScoreInterval | None:
+    """The interval of a score that more leaves open than its own log; `None` where it is one number.
+
+    Args:
+        known: What its own log leaves open.
+        ends: Of all that is open.
+        own: Of what its own log leaves open.
+        counts: Which end is the score then.
+        why: What leaves it open beyond them.
+    """
+    if ends == own or ends[0] == ends[1]:
+        return known
+    # As bad as can be, it leaves nothing for all else to decide.
+    cause = Narrowing(why, (), (), ends[1] - ends[0])
+    if known is None:
+        return ScoreInterval(*ends, tight=False, counts=counts, narrowing=(cause,))
+    narrowing = (cause, *known.narrowing)
+    return replaced(known, least=ends[0], most=ends[1], tight=False, counts=counts, narrowing=narrowing)
 
 
 def _unseen(settled: Settled, digits: int) -> Decimal | UnsetType:

@@ -236,6 +236,7 @@ def adjusted_ledger(
     *,
     digits: int,
     sha256: str,
+    lacking: str = "",
 ) -> Adjusted:
     """Apply decisions to an automatic score.
 
@@ -246,6 +247,7 @@ def adjusted_ledger(
         price: What findings are worth.
         digits: Decimal digits of the score.
         sha256: Of the file the decisions come from.
+        lacking: What an automatic score lacks that no verdict about it decides; empty where nothing.
 
     Raises:
         DataFileError: A decision needs a score that there is not, or the rules have no
@@ -257,7 +259,7 @@ def adjusted_ledger(
     if automatic is not None:
         lines.append(Line("score/automatic", "automatic score", "amount", automatic, float(automatic)))
     for number, adjustment in enumerate(ordered, start=1):
-        after = _after(running, adjustment, ordered[:number], findings, price, digits)
+        after = _after(running, adjustment, ordered[:number], findings, price, digits, lacking)
         # A first score counts as moved from 0; the line says that there was none before.
         moved = (after or Decimal(0)) - (running or Decimal(0))
         lines.append(_line(adjustment, number, moved, nothing_before=running is None))
@@ -276,6 +278,7 @@ def _after(
     findings: Mapping[str, Finding],
     price: Callable[[Mapping[str, Finding]], Priced],
     digits: int,
+    lacking: str,
 ) -> Decimal | None:
     unit = Decimal(1).scaleb(-digits)  # decisions are written `-1`, amounts of a ledger `-1.000000`
     if adjustment.dismissed:
@@ -285,7 +288,7 @@ def _after(
     if adjustment.points is not None:
         if running is None:
             raise adjustment.refuse(
-                "there is no score to add points to: something it depends on is undecided",
+                f"there is no score to add points to: {lacking or 'something it depends on is undecided'}",
                 "decide the undecided findings first, or set the score",
             )
         return (running + adjustment.points).quantize(unit)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,14 @@ import yaml
 from ariac_score import Signal, Span, Trial, load_result, load_rule_set
 from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
-from ariac_score.ranking.adjusting import _ends, adjusted_ranking
+from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.competition import load_competition
-from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import RunOutcome, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import measured_sha256
-from ariac_score.scoring.interval import ScoreInterval
-from ariac_score.scoring.steward import Adjusted, Adjustment
+from ariac_score.scoring.steward import Adjustment
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
 from ariac_score_ariac.testing import kitting_trial
 
@@ -267,27 +264,6 @@ def test_the_organisers_own_program_knows_no_stewards(
 
     assert main(command) == 4
     assert "knows no stewards" in capsys.readouterr().err
-
-
-def test_points_move_both_ends_of_an_open_score_and_other_rulings_close_what_they_decide(
-    subtests: pytest.Subtests,
-) -> None:
-    run = RunOutcome("a", "kit", 1, "scored", score=Decimal(8), open=Ends(Decimal(8), Decimal(12)))
-    satisfied = {"finding": "gap#1", "verdict": "satisfied"}
-    left = ScoreInterval(Decimal(11), Decimal(12), tight=True, counts="worst")
-    cases: dict[str, tuple[dict[str, Any], str, ScoreInterval | None, Ends | None]] = {
-        "four points more": ({"points": Decimal(4)}, "12", None, Ends(Decimal(12), Decimal(16))),
-        "dismissed": ({"dismissed": True}, "8", None, Ends(Decimal(8), Decimal(12))),
-        "a score": ({"score": Decimal(9)}, "9", None, None),
-        "a verdict about all": (satisfied, "11", None, None),
-        "a verdict about one of two gaps": (satisfied, "11", left, Ends(Decimal(11), Decimal(12))),
-    }
-    for name, (effect, score, open_still, ends) in cases.items():
-        with subtests.test(name):
-            ruling = Adjustment(
-                id="d", author="s", reason="r", time="", trial="kit", measured="0" * 64, **effect
-            )
-            assert _ends(run, Adjusted(Decimal(score), None, (ruling,), "0" * 64), open_still) == ends
 
 
 @pytest.fixture(scope="module")

@@ -5,18 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ariac_score import Signal, Trial, load_rule_set, reprice, score_trial
-from ariac_score.errors import FormulaError
+from ariac_score.errors import DataFileError, FormulaError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.open_scores import Ends
 from ariac_score.ranking.rank import Ranking, rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
+from ariac_score.report.figures import amount_text
+from ariac_score.report.openness import open_sentence
 from ariac_score.report.ranking import ranking_text
 from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import as_json, load_result, measured_sha256
@@ -61,9 +64,9 @@ def unseen(until_s: float = 20.5) -> Trial:
 
 
 def ranking(
-    root: Path, *decisions: tuple[str, int, str], rules: str = RULES, **runs: list[Trial | str]
+    root: Path, *decisions: tuple[str, int, dict[str, Any]], rules: str = RULES, **runs: list[Trial | str]
 ) -> Ranking:
-    """The ranking of some runs, with the verdicts of stewards: each about a team, a run and its finding."""
+    """The ranking of some runs, with decisions of stewards: each about a team and a run, with its effect."""
     for team, trials in runs.items():
         for number, trial in enumerate(trials, start=1):
             path = root / team / f"kit_{number}.jsonl"
@@ -93,12 +96,25 @@ def ranking(
             trial="kit",
             run=run,
             measured=measured_sha256(of[team, "kit", run]),
-            finding=finding,
-            verdict="satisfied",
+            **effect,
         )
-        for number, (team, run, finding) in enumerate(decisions)
+        for number, (team, run, effect) in enumerate(decisions)
     )
     return adjusted_ranking(competition, spec, loaded, found, Adjustments("d.yaml", "0" * 64, decided))
+
+
+def satisfied(finding: str) -> dict[str, Any]:
+    return {"finding": finding, "verdict": "satisfied"}
+
+
+def violated(finding: str) -> dict[str, Any]:
+    return {"finding": finding, "verdict": "violated"}
+
+
+def after(found: Ranking) -> dict[int, tuple[str, Decimal | None, Ends | None]]:
+    """How each run of the one team stands after the decisions."""
+    assert found.stewarded is not None
+    return {run.number: (run.outcome, run.score, run.open) for run in found.stewarded.ranking.runs}
 
 
 def scores(found: Ranking) -> dict[str, float]:
@@ -156,6 +172,24 @@ def test_a_lost_log_costs_nobody_and_is_shown_and_nobody_is_taken_for_calm(tmp_p
     assert hidden is not None
     assert (hidden.execution, hidden.best_rank, hidden.worst_rank) == (Ends(Decimal(0), Decimal(TASK)), 1, 2)
     assert run.reason in ranking_text(found)
+
+
+def test_the_result_of_a_run_beside_a_lost_log_says_so_and_adds_up(tmp_path: Path) -> None:
+    found = ranking(tmp_path, team=[unseen(), "not a log\n"], alone=[unseen()])
+    run, alone = (next(run for run in found.runs if run.team == team) for team in ("team", "alone"))
+    assert run.result is not None
+    (tmp_path / "result.json").write_text(as_json(run.result), encoding="utf-8")
+    again = load_result(tmp_path / "result.json")
+
+    assert run.score == alone.score
+    assert again.interval is not None
+    assert Ends(again.interval.least, again.interval.most) == run.open
+    assert again.interval.narrowing[0].cause == "run 2 is unreadable, and the rules count what all runs did"
+    assert alone.open is not None
+    assert open_sentence(again) == (
+        f"the score lies somewhere between 0 and {amount_text(alone.open.most)}; "
+        "what is known counts, for a lost log costs nobody"
+    )
 
 
 def test_a_lost_log_beside_a_near_miss_does_not_undo_the_near_miss(tmp_path: Path) -> None:
@@ -258,7 +292,7 @@ def test_what_a_run_behind_a_gate_leaves_open_is_open_in_the_others(tmp_path: Pa
 def test_a_verdict_about_one_run_counts_in_all_runs_of_the_team(tmp_path: Path) -> None:
     found = ranking(
         tmp_path,
-        ("lucky", 1, "separation#1"),
+        ("lucky", 1, satisfied("separation#1")),
         lucky=[kitting_trial(), calm()],
         twice=[kitting_trial(), kitting_trial(), calm()],
     )
@@ -273,7 +307,7 @@ def test_a_verdict_about_one_run_counts_in_all_runs_of_the_team(tmp_path: Path) 
 
 def test_what_another_run_did_as_well_is_undone_with_both_verdicts_alone(tmp_path: Path) -> None:
     runs: list[Trial | str] = [kitting_trial(), kitting_trial(), calm()]
-    decisions = [("team", 1, "separation#1"), ("team", 2, "separation#1")]
+    decisions = [("team", 1, satisfied("separation#1")), ("team", 2, satisfied("separation#1"))]
     for name in ("one", "both"):
         (tmp_path / name).mkdir()
     one = ranking(tmp_path / "one", decisions[0], team=runs)
@@ -286,10 +320,108 @@ def test_what_another_run_did_as_well_is_undone_with_both_verdicts_alone(tmp_pat
 
 
 def test_a_verdict_about_a_run_without_others_is_worth_what_it_is_alone(tmp_path: Path) -> None:
-    found = ranking(tmp_path, ("team", 1, "separation#1"), team=[kitting_trial()])
+    found = ranking(tmp_path, ("team", 1, satisfied("separation#1")), team=[kitting_trial()])
 
     assert found.stewarded is not None
     assert scores(found.stewarded.ranking) == {"team": TASK}
+
+
+@pytest.mark.parametrize(
+    ("effect", "moved"),
+    [
+        ({"points": Decimal(4)}, lambda least, most: Ends(least + 4, most + 4)),
+        ({"dismissed": True, "complaint": "too slow"}, Ends),
+        ({"score": Decimal(9)}, lambda *_: None),
+    ],
+    ids=["points move both ends", "a dismissed complaint moves nothing", "a score settles it"],
+)
+def test_what_stewards_do_to_an_open_score_they_do_to_its_ends(
+    tmp_path: Path, effect: dict[str, Any], moved: Any
+) -> None:
+    found = ranking(tmp_path, ("team", 1, effect), team=[unseen()])
+    (run,) = found.runs
+
+    assert run.open is not None
+    assert after(found)[1][2] == moved(run.open.least, run.open.most)
+
+
+def test_a_verdict_about_a_run_decides_nothing_of_what_a_lost_log_beside_it_may_hold(tmp_path: Path) -> None:
+    found = ranking(tmp_path, ("team", 1, satisfied("separation#1")), team=[kitting_trial(), "not a log\n"])
+
+    assert after(found)[1] == ("scored", TASK, Ends(Decimal(0), Decimal(TASK)))
+    assert found.stewarded is not None
+    assert "possibly from 0.000000 to 28.000000" in ranking_text(found.stewarded.ranking)
+
+
+def test_points_for_a_run_beside_a_lost_log_move_what_the_lost_log_leaves(tmp_path: Path) -> None:
+    found = ranking(tmp_path, ("team", 1, {"points": Decimal(-3)}), team=[calm(), "not a log\n"])
+
+    assert after(found)[1] == ("scored", TASK - 3, Ends(Decimal(-3), Decimal(TASK - 3)))
+
+
+@pytest.mark.parametrize(
+    ("run", "effect"),
+    [
+        (1, violated("human_contact#1")),
+        (1, satisfied("separation#1")),
+        (2, violated("separation#2")),
+    ],
+    ids=["against a run beside it", "for a run beside it", "one of several gaps"],
+)
+def test_what_the_rules_withhold_stays_withheld_in_all_runs_until_all_of_it_is_decided(
+    tmp_path: Path, run: int, effect: dict[str, Any]
+) -> None:
+    rules = f"{RULES}open: withhold\n"
+    found = ranking(tmp_path, ("team", run, effect), rules=rules, team=[kitting_trial(), unseen()])
+
+    assert [(outcome, score) for outcome, score, _ in after(found).values()] == [("undecided", None)] * 2
+    assert found.stewarded is not None
+    beside = next(run for run in found.stewarded.ranking.runs if run.number == 1)
+    assert "run 2 is undecided, and the rules count what all runs did" in beside.cause
+
+
+def test_points_are_refused_where_another_run_withholds_the_score(tmp_path: Path) -> None:
+    with pytest.raises(DataFileError) as caught:
+        ranking(
+            tmp_path,
+            ("team", 1, {"points": Decimal(-1)}),
+            rules=f"{RULES}open: withhold\n",
+            team=[calm(), unseen()],
+        )
+    assert caught.value.cause == (
+        "adjustment 'd0': there is no score to add points to: run 2 is undecided, and the rules count "
+        "what all runs did"
+    )
+
+
+def test_what_the_rules_withhold_counts_in_all_runs_once_it_is_decided(tmp_path: Path) -> None:
+    rules = f"{RULES}open: withhold\n"
+    found = ranking(tmp_path, ("team", 2, satisfied("separation#2")), rules=rules, team=[calm(), unseen()])
+    in_view = ranking(tmp_path, ("team", 2, satisfied("separation#2")), team=[calm(), unseen()])
+
+    assert after(found) == after(in_view)
+    assert {outcome for outcome, _, _ in after(found).values()} == {"scored"}
+
+
+def test_a_score_that_stewards_give_stands_beside_what_is_withheld(tmp_path: Path) -> None:
+    rules = f"{RULES}open: withhold\n"
+    ruled = ("team", 1, {"score": Decimal(9)})
+    found = ranking(tmp_path, ruled, rules=rules, team=[calm(), unseen()])
+
+    assert after(found) == {1: ("scored", 9, None), 2: ("undecided", None, None)}
+
+
+def test_a_run_beside_one_that_is_open_behind_a_gate_is_withheld_with_its_reason(tmp_path: Path) -> None:
+    """The other run is 0 in every world, so nothing withholds it; what it did beside its contact is open."""
+    found = ranking(tmp_path, rules=f"{RULES}open: withhold\n", team=[calm(), touched(19, 20)])
+    as_counted = ranking(tmp_path, team=[calm(), touched(19, 20)])
+    ((run, gated), (shown, _)) = (found.runs, as_counted.runs)
+
+    assert (gated.outcome, gated.score) == ("scored", 0)
+    assert (run.outcome, run.score, run.open) == ("undecided", None, shown.open)
+    assert run.cause == (
+        "another run of the team, which is open itself, and the rules count what all runs did"
+    )
 
 
 @pytest.mark.parametrize(
