@@ -55,7 +55,7 @@ def compared_with_log(
         again = score_trial(
             log, rule_set, log_map=log_map, registry=registry, also=also, partial=_is_partial(stored)
         )
-        again = reprice(again, rule_set, stored.cohort) if stored.cohort.values else again
+        again = reprice(again, rule_set, stored.cohort) if stored.cohort.is_given else again
     again = result_in(as_json(again).encode("utf-8"), path)  # texts as a file can hold them
     again, names = _as_it_was_named(stored, again)
     again, parts = _as_it_was_read(stored, again)
@@ -115,7 +115,7 @@ def _in_competition(
     stored: Result, competition: Competition, rule_set: RuleSet, log_map: str, registry: Registry
 ) -> Result:
     run = _run_of(stored, competition)
-    if stored.cohort.values:
+    if stored.cohort.is_given:
         # Its price hangs on the runs of all teams, and what the result says of these is its own word.
         spec = ranking_spec(rule_set, competition.ranking, file=str(competition.file))
         partial = _is_partial(stored)

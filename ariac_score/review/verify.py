@@ -114,7 +114,7 @@ def verify_result(
         if decided is not None and result.adjusted is not None and keys:
             holds, reason = check_signature(decided, keys, competition=bound)
             steps.append(Step("decisions", OK if holds else FAILED, reason))
-    if result.cohort.values and competition is None:
+    if result.cohort.is_given and competition is None:
         steps.append(_cohort(result, cohort))
     steps += signed
     if log is None:
@@ -469,7 +469,7 @@ def _cohort(result: Result, file: Path | None) -> Step:
         found = differences({**stated}, {**values.values})
         words = listed(found, "in the result", f"in {file.name}") or "its hash is another one"
         return Step("cohort", FAILED, words)
-    if len(stated) < len(result.cohort.values):
+    if len(stated) < len(result.cohort.values) or result.cohort.beyond:
         return Step("cohort", OPEN, "what other runs of the team did: --log COMPETITION computes it again")
     return Step("cohort", OK, f"the values across teams are those of {file.name}")
 

@@ -62,6 +62,11 @@ class CohortValues:
     withheld: str = ""
 
     @property
+    def is_given(self) -> bool:
+        """Whether anything of other teams or runs is known, or known to be lost."""
+        return bool(self.values or self.beyond)
+
+    @property
     def beyond(self) -> str:
         """Which other run may have done more than is known of it, in words; empty where none."""
         return self.withheld or self.lost

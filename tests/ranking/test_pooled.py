@@ -23,6 +23,7 @@ from ariac_score.report.openness import open_sentence
 from ariac_score.report.ranking import ranking_text
 from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import as_json, load_result, measured_sha256
+from ariac_score.review.verify import verify_result
 from ariac_score.scoring.cohort import CohortValues
 from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.sheet import ScoreSheet
@@ -82,7 +83,7 @@ def ranking(
     competition = load_competition(root)
     loaded = load_rule_set(competition.rules)
     spec = ranking_spec(loaded, competition.ranking, file="competition.yaml")
-    found = rank_results(competition, spec, loaded, score_runs(competition, loaded))
+    found = rank_results(competition, spec, loaded, score_runs(competition, loaded, sketches=True))
     if not decisions:
         return found
     of = {run.key: run.result for run in found.runs if run.result}
@@ -190,6 +191,23 @@ def test_the_result_of_a_run_beside_a_lost_log_says_so_and_adds_up(tmp_path: Pat
         f"the score lies somewhere between 0 and {amount_text(alone.open.most)}; "
         "what is known counts, for a lost log costs nobody"
     )
+
+
+@pytest.mark.parametrize("beside", [[kitting_trial()], ["not a log\n"], [unseen()]], ids=["", "lost", "open"])
+@pytest.mark.parametrize("counts", ["worst", "withhold"])
+def test_the_result_of_a_run_beside_others_holds_against_its_log_and_its_competition(
+    tmp_path: Path, beside: list[Trial | str], counts: str
+) -> None:
+    found = ranking(tmp_path, rules=f"{RULES}open: {counts}\n", team=[calm(), *beside])
+    run = next(run for run in found.runs if run.number == 1)
+    assert run.result is not None
+    (tmp_path / "result.json").write_text(as_json(run.result), encoding="utf-8")
+    log, rules = tmp_path / "team/kit_1.jsonl", str(tmp_path / "mine.yaml")
+
+    alone = verify_result(tmp_path / "result.json", log=log, rules=rules)
+    assert (alone.steps_that_are("failed"), "cohort" in alone.steps_that_are("open")) == ((), True)
+    all_of_them = verify_result(tmp_path / "result.json", log=tmp_path)
+    assert (all_of_them.steps_that_are("failed"), all_of_them.steps_that_are("open")) == ((), ())
 
 
 def test_a_lost_log_beside_a_near_miss_does_not_undo_the_near_miss(tmp_path: Path) -> None:
