@@ -88,6 +88,8 @@ def _reason(found: Attestation | None, prepared: Prepared, trial: Trial) -> str:
     read = {channel.topic for channel in prepared.log_map.channels_for(prepared.sources)}
     if unattested := sorted(read & set(found.unattested)):
         return f"its recorder did not listen to {', '.join(unattested)}"
+    if uncompared := [f"{topic}: {why}" for topic, why in found.uncompared if topic in read]:
+        return f"whether its recorder heard messages of the same definition cannot be told on {uncompared[0]}"
     keys = prepared.rule_set.authority.recorder_keys
     if not keys:
         return "a manifest is in it, and the rules name no key that should have signed it"

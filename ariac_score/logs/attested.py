@@ -6,7 +6,7 @@ import base64
 import hashlib
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import LogError
-from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for, definition_hash
+from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for, type_hash_of
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type, with_slash
 from ariac_score.trial.attestation import Attestation, Lacking, Unheard
@@ -244,7 +244,7 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     late_ns = _late_ns(beats)
     _refuse_moved_heartbeats(beats, late_ns)
     _refuse_other_pace(beats)
-    undefined = _refuse_other_meaning(found, stated)
+    meaning = _refuse_other_meaning(found, stated)
     matched = _matched(found, spans, origin_ns, late_ns)
     began_ns = beats[0][0] if beats else 0
     early = {topic: [m for m in one.early() if m.t_ns >= began_ns] for topic, one in matched.items()}
@@ -280,7 +280,8 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
         body=manifest.body,
         signature=manifest.signature,
-        undefined=undefined,
+        undefined=meaning.undefined,
+        uncompared=meaning.uncompared,
         listened=_listened(beats, origin_ns),
         notes=_notes(stated),
         trial=_name(stated, "trial"),
@@ -455,18 +456,29 @@ def _values(mapping: object) -> list[Any]:
 # What the bytes mean ---------------------------------------------------------------------------
 
 
-_RIHS = "RIHS01_"
+_TEXT = "sha256:"
+"""Of the text of a definition, as a publisher of ROS 1 sends it. The MD5 sum of ROS 1 will not do: it leaves
+out that an array of messages is one, so that a list, one message and none have the same."""
 _EVENT = "_Event"
 """Of a service; what such a type consists of is not in the definitions of ROS."""
 
 
-def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> tuple[str, ...]:
-    """Refuse definitions of messages that are not those of their publishers: they decide what bytes mean.
+class _Meaning(NamedTuple):
+    """Of which topics the meaning of the bytes is open.
 
-    Returns:
-        The topics of which the recorder could not say how messages are defined; the first ones never did.
+    Attributes:
+        undefined: The recorder could not say how their messages are defined; the first ones never did.
+        uncompared: It said so, and the definition in the log has no hash; with the reason.
     """
-    unsaid = []
+
+    undefined: tuple[str, ...]
+    uncompared: tuple[tuple[str, str], ...]
+
+
+def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> _Meaning:
+    """Refuse definitions of messages that are not those of their publishers: they decide what bytes mean."""
+    undefined: list[str] = []
+    uncompared: list[tuple[str, str]] = []
     for topic, connections in sorted(found.declared.items()):
         block = stated["topics"].get(topic)
         if block is None:
@@ -480,15 +492,30 @@ def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> tuple[str
             raise _UnfitError(f"on {topic!r} it has messages of {others[0]!r}, and its recorder {received!r}")
         if len({connection.encoding for connection in connections}) > 1:
             raise _UnfitError(f"it encodes the messages on {topic!r} in two ways")
-        of_ros1 = not any(one.startswith(_RIHS) for one in known)
-        hashes = {definition_hash(connection, of_ros1=of_ros1) for connection in connections}
+        by_text = bool(known) and all(one.startswith(_TEXT) for one in known)
+        hashes, lacking = _hashes_of(connections, by_text=by_text)
         if not known or any(one.endswith(_EVENT) for one in types):
-            unsaid += [topic] if "definitions" in block else []
+            undefined += [topic] if "definitions" in block else []
             if len(hashes) > 1:
                 raise _UnfitError(f"it defines the messages on {topic!r} in two ways")
+        elif lacking:
+            uncompared.append((topic, lacking))
         elif not hashes <= {*known}:
             raise _UnfitError(f"it defines the messages on {topic!r} otherwise than who published them")
-    return tuple(unsaid)
+    return _Meaning(tuple(undefined), tuple(uncompared))
+
+
+def _hashes_of(connections: Iterable[Connection], *, by_text: bool) -> tuple[set[str], str]:
+    """The hashes of what connections define, their texts where they have none; why one has none."""
+    hashes, lacking = set(), ""
+    for one in connections:
+        text = f"{_TEXT}{hashlib.sha256(one.definition.encode('utf-8')).hexdigest()}"
+        try:
+            hashes.add(text if by_text else type_hash_of(one))
+        except UnknownTypeError as cause:
+            hashes.add(text)
+            lacking = str(cause)
+    return hashes, lacking
 
 
 def _matched(

@@ -61,6 +61,8 @@ class Attestation:
         unattested: Topics of the log that the recorder did not listen to.
         undefined: Topics of the log of which the recorder does not say how messages are defined, so that
             another definition in the log would give the same bytes another meaning.
+        uncompared: Topics of the log whose definition cannot be held against what the recorder says of it,
+            and why: no matter where nobody reads them.
         body: The manifest, whose bytes are signed.
         signature: The text of the signature; empty where there is none.
         listened: From the first heartbeat to the last, s of trial time: nothing is attested outside.
@@ -78,6 +80,7 @@ class Attestation:
     moved_by_s: float = 1.0
     unattested: tuple[str, ...] = ()
     undefined: tuple[str, ...] = ()
+    uncompared: tuple[tuple[str, str], ...] = ()
     body: str = ""
     signature: str = ""
     listened: Span | None = None

@@ -23,6 +23,7 @@ from ariac_score.logs.columnar.types import bundled_typestore
 from ariac_score.results.signing import make_keys
 from ariac_score.testing import Recorded, write_bag
 from ariac_score.testing.bags import _built
+from ariac_score.trial.attestation import Attestation
 
 EVENTS = "/ariac_score/events"
 RECORDING = "7f3c" * 8
@@ -69,11 +70,12 @@ def attested(
     each_s: float = 1.0,
     pace: float | None = None,
     about: Mapping[str, Any] | None = None,
+    of: str = "",
     **named: str,
 ) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md.
 
-    Further facts of the manifest are `named`; those `about` each topic stand beside its count.
+    Further facts of the manifest are `named`; those `about` each topic, or `of` one, stand beside its count.
     """
     out, chain = list(messages), RECORDING
     counted = dict.fromkeys([m.topic for m in messages], 0)
@@ -98,7 +100,10 @@ def attested(
             "recording": RECORDING,
             "closed": True,
             "heartbeats": {"count": len(begins), "chain": chain},
-            "topics": {topic: {"count": count, **(about or {})} for topic, count in counted.items()},
+            "topics": {
+                topic: {"count": count, **((about or {}) if of in ("", topic) else {})}
+                for topic, count in counted.items()
+            },
             "notes": list(notes),
             **named,
         }
@@ -126,14 +131,18 @@ def signing(tmp_path_factory: pytest.TempPathFactory) -> Signing:
     return text, lambda body: bytes(key.sign(body.encode(), prehash=False, trusted_comment="t")).decode()
 
 
-def scored(folder: Path, messages: Sequence[Recorded], more: str = "") -> Result:
+def rules_in(folder: Path, more: str = "", log_map: str = "ariac2020") -> Path:
     rules = folder / "rules.yaml"
     rules.write_text(
-        "id: clean\ntitle: Clean\nsource: this test\nlog_map: ariac2020\nlevels: [trial]\n"
+        f"id: clean\ntitle: Clean\nsource: this test\nlog_map: {log_map}\nlevels: [trial]\n"
         "monitors: {clean: {use: ariac.no_event}}\nscore: 10 * holds(clean)\n" + more,
         encoding="utf-8",
     )
-    return score_trial(write_bag(folder / "run.mcap", messages, storage="mcap"), rules)
+    return rules
+
+
+def scored(folder: Path, messages: Sequence[Recorded], more: str = "") -> Result:
+    return score_trial(write_bag(folder / "run.mcap", messages, storage="mcap"), rules_in(folder, more))
 
 
 def completeness(result: Result) -> str:
@@ -420,8 +429,18 @@ def test_equal_messages_may_not_be_moved_among_each_other(tmp_path: Path, signin
 # The bytes stay, and what they mean or whose they are does not -----------------------------------
 
 
-TRIAL_EVENT_MD5 = "bfb40a01d75c686818f60b7f140470e0"
-"""As the header of a connection says it in the bag that `rosbag record` of ROS 1 wrote of a real node."""
+def hash_of(text: bytes) -> str:
+    return f"sha256:{hashlib.sha256(text).hexdigest()}"
+
+
+def definition_on(path: Path, topic: str) -> bytes:
+    """The definition in a recording, as a reader of its maker's gives it."""
+    with path.open("rb") as file:
+        found = make_reader(file).get_summary()
+        assert found is not None
+        (schema,) = {c.schema_id for c in found.channels.values() if c.topic == topic}
+        return bytes(found.schemas[schema].data)
+
 
 Change = Callable[[str, bytes, bytes], Iterable[tuple[str, bytes, bytes, int]]]
 """From topic, definition and bytes of a message to what is written for it: these, and which channel."""
@@ -468,11 +487,6 @@ def redefined(definition: bytes | None, *, all_of_them: bool = False) -> Change:
     ("about", "change", "cause"),
     [
         (
-            {"definitions": [TRIAL_EVENT_MD5]},
-            redefined(OTHERWISE, all_of_them=True),
-            "it defines the messages on '/ariac_score/events' otherwise than who published them",
-        ),
-        (
             {},
             redefined(OTHERWISE),
             "it defines the messages on '/ariac_score/events' in two ways",
@@ -488,8 +502,13 @@ def redefined(definition: bytes | None, *, all_of_them: bool = False) -> Change:
             redefined(None),
             "its manifest does not say of what type the messages on '/ariac_score/events' are",
         ),
+        (
+            {"definitions": ["bfb40a01d75c686818f60b7f140470e0"]},
+            redefined(None),
+            "it defines the messages on '/ariac_score/events' otherwise than who published them",
+        ),
     ],
-    ids=["another definition", "two definitions", "another type", "no list"],
+    ids=["two definitions", "another type", "no list", "no hash that is known"],
 )
 def test_a_log_that_gives_the_bytes_another_meaning_is_not_attested(
     about: Mapping[str, Any], change: Change, cause: str, tmp_path: Path, signing: Signing
@@ -501,12 +520,105 @@ def test_a_log_that_gives_the_bytes_another_meaning_is_not_attested(
 
 
 def test_the_definitions_of_its_publishers_attest_a_log(tmp_path: Path, signing: Signing) -> None:
-    about = {"type": "ariac_score_msgs/TrialEvent", "definitions": [TRIAL_EVENT_MD5]}
-    result = scored(tmp_path, attested(events(), signing[1], about=about), attesting(signing))
-    assert completeness(result) == "recorder: "
+    text = definition_on(write_bag(tmp_path / "plain.mcap", events(), storage="mcap"), EVENTS)
+    about = {"type": "ariac_score_msgs/TrialEvent", "definitions": [hash_of(text), hash_of(b"of another")]}
+    whole = attested(events(), signing[1], about=about)
+    assert completeness(scored(tmp_path, whole, attesting(signing))) == "recorder: "
+    altered = rewritten(tmp_path / "run.mcap", redefined(OTHERWISE, all_of_them=True))
+    assert attestation_of(altered, 0).problem == (
+        "it defines the messages on '/ariac_score/events' otherwise than who published them"
+    )
 
     unknown = scored(tmp_path, attested(events(), signing[1], about={"definitions": []}), attesting(signing))
     assert completeness(unknown) == "recorder: definitions not attested: /ariac_score/events"
+
+
+STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+EMPTY_HASH = "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312"
+"""The type hashes that ROS 2 publishes for `std_msgs/msg/String` and `std_msgs/msg/Empty`."""
+
+
+def attestation_with(
+    folder: Path, sign: Callable[[str], str], type_: str, definition: str, form: str, stated: str
+) -> Attestation:
+    """Of a log with a topic `/other` of some definition, whose recorder states a hash of it."""
+    other = Recorded("/other", "std_msgs/msg/String", 3 * 10**9, {"data": ""})
+    about = {"type": type_.replace("/msg/", "/"), "definitions": [stated]}
+    whole = attested(in_order(*events(), other), sign, about=about, of="/other")
+    path, out = write_bag(folder / "run.mcap", whole, storage="mcap"), folder / "other.mcap"
+    with path.open("rb") as source, out.open("wb") as sink:
+        reader, writer, channels = make_reader(source), Writer(sink), dict[str, int]()
+        writer.start("ros2", library="another")
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            own = channel.topic == "/other"
+            if channel.topic not in channels:
+                number = writer.register_schema(
+                    type_ if own else schema.name,
+                    form if own else schema.encoding,
+                    definition.encode() if own else schema.data,
+                )
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    return attestation_of(out, 0)
+
+
+@pytest.mark.parametrize(
+    ("type_", "definition", "stated"),
+    [
+        ("std_msgs/msg/String", "string data\n", STRING_HASH),
+        ("std_msgs/msg/String", "# a comment\nint32 A=0x3\nstring data", STRING_HASH),
+        ("std_msgs/msg/Empty", "", EMPTY_HASH),
+        ("std_msgs/msg/Empty", "\n", EMPTY_HASH),
+    ],
+    ids=["as defined", "comments and constants", "no fields", "an empty line"],
+)
+def test_the_type_hashes_of_ros_attest_a_log(
+    type_: str, definition: str, stated: str, tmp_path: Path, signing: Signing
+) -> None:
+    found = attestation_with(tmp_path, signing[1], type_, definition, "ros2msg", stated)
+    assert (found.problem, found.undefined, found.uncompared) == ("", (), ())
+
+
+@pytest.mark.parametrize(
+    "definition", ["string[] data", "string<=9 data", "string date", "string data\nbyte b"]
+)
+def test_another_definition_of_the_type_has_another_hash(
+    definition: str, tmp_path: Path, signing: Signing
+) -> None:
+    found = attestation_with(tmp_path, signing[1], "std_msgs/msg/String", definition, "ros2msg", STRING_HASH)
+    assert found.problem == "it defines the messages on '/other' otherwise than who published them"
+
+
+@pytest.mark.parametrize(
+    ("type_", "definition", "form", "why"),
+    [
+        ("a/msg/Wide", "wstring data", "ros2msg", "it lacks 'a/msg/wstring'"),
+        ("a/msg/Unknown", "", "unknown", "neither the recording nor ariac-score has a definition"),
+        ("a/action/Turn_FeedbackMessage", "int32 a\n---\nint32 b", "ros2msg", "cannot be used"),
+        ("a/msg/Loop", "Loop data", "ros2msg", "cannot be used"),
+        ("a/msg/Long", "int8 A=1\n" * 10_001, "ros2msg", "10001 lines, 10000 are allowed"),
+    ],
+    ids=["wide text", "no definition", "an action", "of itself", "too long"],
+)
+def test_a_definition_without_a_hash_matters_where_it_is_read_alone(
+    type_: str, definition: str, form: str, why: str, tmp_path: Path, signing: Signing
+) -> None:
+    found = attestation_with(tmp_path, signing[1], type_, definition, form, f"RIHS01_{'ab' * 32}")
+    ((topic, reason),) = found.uncompared
+    assert (found.problem, topic) == ("", "/other")
+    assert why in reason
+
+    log, rules = tmp_path / "other.mcap", rules_in(tmp_path, attesting(signing))
+    assert score_trial(log, rules).score == HONEST
+    (tmp_path / "ours.yaml").write_text(
+        "id: ours\ntitle: Ours\nsource: this test\nextends: ariac2020\n"
+        "channels: [{topic: /other, event: {kind: another}}]\n"
+    )
+    rules = rules_in(tmp_path, attesting(signing), "./ours.yaml")
+    with pytest.raises(LogError, match=r"cannot be told on /other: "):
+        score_trial(log, rules)
 
 
 def test_a_message_on_a_topic_that_is_spelt_without_its_slash_was_put_in(

@@ -35,7 +35,7 @@ __all__ = [
     "column_decoder_for",
     "compiled_store_of",
     "decoder_for",
-    "definition_hash",
+    "type_hash_of",
 ]
 
 
@@ -60,6 +60,10 @@ _MOST_UNROLLED = 10_000
 
 
 _WIDE = re.compile(r"^[ \t]*wstring\b|<[ \t]*wstring\b", re.MULTILINE)
+
+
+_NO_DEFINITION = ("", "unknown")
+"""How a recorder calls the form of a definition that it does not have; rosbag2 since Jazzy says `unknown`."""
 
 
 _IDL_SEPARATOR = "=" * 80 + "\n"
@@ -163,29 +167,26 @@ def _wide_decoder_for(connection: Connection, wanted: Iterable[str] | None) -> C
     return WideDecoder(stores, connection.type, wanted=wanted)
 
 
-def definition_hash(connection: Connection, *, of_ros1: bool) -> str:
-    """What ROS itself tells definitions of a type apart by; empty where it cannot be had.
+def type_hash_of(connection: Connection) -> str:
+    """The type hash (`RIHS01_…`) of the messages of a connection, as they are decoded.
 
-    Args:
-        connection: With the definition of its messages.
-        of_ros1: Whether the MD5 sum of ROS 1, as in the header of a connection; else `RIHS01_…` of ROS 2.
+    ROS 2 tells definitions of a type apart by it; it takes fields alone, no comment and no constant.
+
+    Source: REP 2011, type version hash.
+
+    Raises:
+        UnknownTypeError: No definition of the type is known, or it cannot be hashed.
     """
-    try:
-        if not connection.definition:
-            store = _typestore_for(connection.encoding, connection.type, "", "")
-        else:
-            if max(connection.definition.count("\n"), connection.definition.count(";")) > _MOST_LINES:
-                return ""
-            with _refusing_definitions():
-                store = get_typestore(Stores.EMPTY)
-                form = connection.definition_format
-                store.register(_parsed(connection.type, form, connection.definition))
+    name, form, definition = connection.type, connection.definition_format, connection.definition
+    if not definition and form in _NO_DEFINITION:
+        store = _typestore_for(connection.encoding, name, "", "")
+    else:
+        _refuse_long(definition)
         with _refusing_definitions():
-            if of_ros1:
-                return str(store.generate_msgdef(connection.type, ros_version=1)[1])
-            return str(store.hash_rihs01(connection.type))
-    except UnknownTypeError:
-        return ""
+            store = get_typestore(Stores.EMPTY)
+            store.register(_parsed(name, form, definition))
+    with _refusing_definitions():
+        return str(store.hash_rihs01(name))
 
 
 def compiled_store_of(connection: Connection, unit: str = "") -> Typestore:
@@ -219,19 +220,14 @@ def _typestore_for(
         store = bundled_typestore(1 if encoding == "ros1" else 2)
         if name in store.fielddefs:
             return store
-        if not definition_format:
+        if definition_format in _NO_DEFINITION:
             why = _bundled(1 if encoding == "ros1" else 2)[1].get(name.partition("/")[0], "")
             raise UnknownTypeError(
                 "neither the recording nor ariac-score has a definition of this type"
                 + (f"; {why}" if why else "")
             )
         # A recorder that names the format of an empty text means a message without fields.
-    # Each field ends a line, or in IDL a declaration.
-    count = max(definition.count("\n"), definition.count(";"))
-    if count > _MOST_LINES:
-        raise UnknownTypeError(
-            f"the recording's definition of it has {count} lines, {_MOST_LINES} are allowed"
-        )
+    _refuse_long(definition)
     with _refusing_definitions():
         store = get_typestore(Stores.EMPTY)
         store.max_sequence_length = _LONGEST_SEQUENCE
@@ -239,6 +235,20 @@ def _typestore_for(
         _refuse_long_arrays(types)
         store.register(types)
         return store
+
+
+def _refuse_long(definition: str) -> None:
+    """Refuse a definition that would take too long to parse.
+
+    Raises:
+        UnknownTypeError: It has too many lines.
+    """
+    # Each field ends a line, or in IDL a declaration.
+    count = max(definition.count("\n"), definition.count(";"))
+    if count > _MOST_LINES:
+        raise UnknownTypeError(
+            f"the recording's definition of it has {count} lines, {_MOST_LINES} are allowed"
+        )
 
 
 def _refuse_long_arrays(types: Typesdict) -> None:

@@ -3,6 +3,7 @@
 from __future__ import print_function, unicode_literals
 
 import argparse
+import hashlib
 import io
 import re
 import signal
@@ -87,6 +88,7 @@ class _Node(object):
         self._session = None
         self._others = set()
         self._classes = {}
+        self._definitions = {}
         self._publish_lock = threading.Lock()
 
     def run(self, reasons):
@@ -176,8 +178,17 @@ class _Node(object):
             lambda: self._decoded(kind, payload),
             about.get("callerid", ""),
             number,
-            about.get("md5sum", ""),
+            self._definition(about.get("message_definition")),
         )
+
+    def _definition(self, text):
+        # The MD5 sum of ROS does not tell a list of messages from one.
+        if text is None:
+            return ""
+        if text not in self._definitions:
+            content = text if isinstance(text, bytes) else text.encode("utf-8")
+            self._definitions[text] = "sha256:" + hashlib.sha256(content).hexdigest()
+        return self._definitions[text]
 
     def _decoded(self, kind, payload):
         if kind not in self._classes:
