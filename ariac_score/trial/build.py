@@ -98,6 +98,7 @@ class TrialBuilder:
         self.unseen_losses = ""
         self._defects: dict[tuple[str, str], LogDefect] = {}
         self._watching: dict[str, float] = {}
+        self._doubted: dict[str, str] = {}
 
     def add(self, item: WorkItem | Submission | Event | Record) -> None:
         """Take one decoded item; a work item with a time also makes its announcement an event."""
@@ -242,13 +243,25 @@ class TrialBuilder:
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
         )
 
+    def doubt(self, watched: Iterable[str], where: str) -> None:
+        """Believe nobody that some kinds of events did not happen: messages that may have told so were lost.
+
+        Args:
+            watched: The kinds that were watched for there.
+            where: The topic.
+        """
+        self._doubted.update(dict.fromkeys(watched, where))
+
     def _believe_watchers(self) -> None:
         """Take the word of those who watched from the start on; none vouches for the time before."""
         starts = [event.t_s for event in self.events if event.kind == COMPETITION_STARTED]
         begin_s = self.recorded.start_s + LATEST_WATCHER_S if self.recorded else np.inf
         start_s = min(starts) + LATEST_START_S if starts else begin_s
         for kind, t_s in sorted(self._watching.items()):
-            if t_s <= start_s:
+            if kind in self._doubted:
+                message = f"watched for on {self._doubted[kind]}, of which messages were lost"
+                self.defect("doubted_watcher", kind, 1, message)
+            elif t_s <= start_s:
                 self.witnessed.add(kind)
             elif kind not in self.witnessed:
                 message = f"watched for from {t_s:.3f} s on only: nobody knows what happened before"

@@ -648,6 +648,44 @@ def test_a_message_under_another_encoding_is_no_message_of_its_recorder(
     assert found.problem == "it encodes the messages on '/ariac_score/events' in two ways"
 
 
+@pytest.mark.parametrize("damage", ["cut", "foreign", "gone"])
+def test_who_watches_vouches_for_nothing_that_a_lost_message_may_have_told(
+    damage: str, tmp_path: Path
+) -> None:
+    """Without a manifest: nobody says what the message that is cut, foreign or gone by its number was."""
+    seen = [replace(events()[1], t_ns=n * 10**9, fields={"kind": "lamp", "subject": "on"}) for n in (2, 3, 4)]
+    path = write_bag(tmp_path / "run.mcap", in_order(*events(), *seen), storage="mcap")
+
+    def damaged(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        hit = is_collision(data)
+        if not (hit and damage == "gone"):
+            yield topic, text, data[:9] if hit and damage == "cut" else data, int(hit and damage == "foreign")
+
+    log = rewritten(path, damaged, {1: "json"})
+    with log.open("rb") as source, (tmp_path / "numbered.mcap").open("wb") as sink:
+        reader, writer, channels = make_reader(source), Writer(sink), dict[int, int]()
+        writer.start("ros2", library="another")
+        for number, (schema, channel, message) in enumerate(reader.iter_messages(), start=1):
+            assert schema is not None
+            if channel.id not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, known)
+            told = number + (damage == "gone" and number > 5)
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time, told
+            )
+        writer.finish()
+
+    assert score_trial(path, rules_in(tmp_path)).score == HONEST
+    found = score_trial(tmp_path / "numbered.mcap", rules_in(tmp_path))
+    assert (found.score, found.is_open) == (HONEST, True)
+    assert found.interval is not None
+    assert (found.interval.least, found.interval.most) == (0, 10)
+    assert {defect.kind: defect.where for defect in found.measured.log_defects}["doubted_watcher"] == (
+        "arm_collision"
+    )
+
+
 def test_a_message_that_is_there_twice_is_left_out_once(tmp_path: Path, signing: Signing) -> None:
     """The copy on a channel whose other messages are later ones looks like one from before it was heard."""
     rules = tmp_path / "rules.yaml"

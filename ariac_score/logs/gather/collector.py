@@ -44,6 +44,7 @@ from ariac_score.logs.gather.stated import ChannelDecoder, facts_of
 from ariac_score.logs.gather.transforms import Placed, TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
+from ariac_score.trial.events import WATCHING, Event
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import quantity_of, subject_of
@@ -555,6 +556,7 @@ class _Intake:
             if quantity_of(f.signal) in wanted.quantities
         ]
         self._items: list[tuple[str, object, int]] = []
+        self._watched: set[str] = set()
         self._retimed: Callable[[IntArray], IntArray] = np.asarray
         decoder = wanted.decoders.get(channel.decoder)
         self.only_changes = not channel.facts and bool(getattr(decoder, "only_changes", False))
@@ -651,6 +653,8 @@ class _Intake:
         # With a lost message, silence of the topic no longer means that nothing happened.
         if self._types and not lost:
             builder.witnessed.update(self.channel.witnesses)
+        elif lost:
+            builder.doubt(self._watched, topic)
 
     @property
     def recorded(self) -> bool:
@@ -771,6 +775,8 @@ class _Intake:
         rate = self.channel.rate_hz > 0.0
         for item in changes(self.channel.topic, said, builder, times_s, delays_s=late_s, at_a_rate=rate):
             builder.add(item)
+            if isinstance(item, Event) and item.kind == WATCHING:
+                self._watched.add(item.subject)
         if len(reasons) == len(self._items):
             builder.unrecorded.append(
                 f"topic {self.channel.topic}: none of its messages can be used: {reasons[0]}"

@@ -125,8 +125,8 @@ class Attestation(object):
             now: The `Instant` of its arrival.
             sender: Who published it, where that is known.
             number: The sender's own number of it, where it has one.
-            definition: A hash of how the sender defines the message: of ROS 1 `sha256:` and that of its text, of
-                ROS 2 the type hash `RIHS01_...`; empty where there is none.
+            definition: A hash of how the sender defines the message: in ROS 1 `sha256:` and that of its
+                text, in ROS 2 the type hash `RIHS01_...`; empty where there is none.
         """
         words = digest(payload)
         with self._lock:
