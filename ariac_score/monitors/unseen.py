@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.monitors.cells import INSTANT_S, Cells, Stream
+from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream
 from ariac_score.monitors.gaps import (
     Drive,
     Place,
@@ -201,10 +201,12 @@ class Unseen:
         Where it is measured both are its value at the beginning of the cell, which stands until the next.
         """
         quantity, motion = quantity_of(signal.name), self.motion(signal.name)
-        if motion is None or not len(signal):
+        if motion is None or not (len(signal) or isinstance(signal, Computed)):
             return None
         sides = [_Sides.of(stream, cells, self.error_s(stream.signal)) for stream in self.streams(signal)]
         is_open = np.any([one.open for one in sides], axis=0)
+        if isinstance(signal, Computed):
+            is_open |= self._is_apart(signal, cells)
         total = sum(one.max_speed_m_s for one in motion)
         if quantity in DISTANCES:
             found = self._distance(signal, cells, sides, total)
@@ -217,9 +219,20 @@ class Unseen:
             found = np.zeros(len(cells.t)), np.full(len(cells.t), total)
         else:
             return None
-        held = signal.at(cells.t)
+        held = signal.at(cells.t) if len(signal) else np.zeros(len(cells.t))
         least, most = (np.where(is_open, one, held) for one in found)
         return least, most
+
+    def _is_apart(self, signal: Signal, cells: Cells) -> BoolArray:
+        """Whether the samples of a signal that follows from others are too far apart around each cell."""
+        if signal.constant:
+            return np.zeros(len(cells.t), dtype=bool)
+        edges = np.concatenate(([self.window.start_s], signal.t, [self.window.end_s]))
+        after = np.searchsorted(signal.t, cells.t, side="right")
+        at_sample = (after > 0) & (edges[after] == cells.t) & (cells.end - cells.t <= 2 * INSTANT_S)
+        lasts_s: FloatArray = edges[after + 1] - edges[after]
+        apart: BoolArray = (lasts_s > self.max_gap_s + TOLERANCE_S) & ~at_sample
+        return apart
 
     def _distance(
         self, signal: Signal, cells: Cells, sides: Sequence[_Sides], rate: float

@@ -253,13 +253,24 @@ class _Deriver:
             "tcp_speed": self._tcp_speed,
         }.get(quantity)
         made = derive(subject, max_gap_s) if derive else self._by_plugin(name, max_gap_s)
-        if made is None or not len(made[0]):
+        if made is None:
             return None
         t, values = made
         # Kept under its name: velocities are the sources of speeds and approaches alike.
         sources = self._sources(name)
+        if not len(t) and not self._is_bounded(quantity, sources):
+            return None
         self.signals[name] = Computed.of(name, QUANTITIES[quantity].unit, t, values, sources)
         return self.signals[name]
+
+    def _is_bounded(self, quantity: str, sources: Sequence[Signal]) -> bool:
+        """Whether a quantity that no sample shows lies between bounds all the same, by what it follows from.
+
+        Samples too far apart for a speed, or never close enough to those of another body for a distance,
+        still say where the bodies can be.
+        """
+        recorded = [one for one in sources if not isinstance(one, Computed)]
+        return self.between is not None and quantity in SOURCES and bool(recorded) and all(map(len, recorded))
 
     def _sources(self, name: str) -> list[Signal]:
         """The recorded signals that a derived one follows from."""
