@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from random import Random
 
@@ -121,15 +122,21 @@ def test_a_bag_that_was_cut_off_is_refused_with_what_is_left_and_the_remedy() ->
     assert "another copy" in error.value.hint
 
 
+WALK = """\
+extends: paper2020.published
+id: walk
+title: With bounds
+source: README there
+bounds:
+  human: {max_speed_m_s: 0.6, max_acceleration_m_s2: 2.0, source: its walk}
+  robot: {max_speed_m_s: 0.7, max_acceleration_m_s2: 2.0, source: its rail}
+"""
+
+
 def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_path: Path) -> None:
     """By the clock of the node that moved them it is 2.205 points; open is when the approach began."""
     rules = tmp_path / "walk.yaml"
-    rules.write_text(
-        "extends: paper2020.published\nid: walk\ntitle: With bounds\nsource: README there\nbounds:\n"
-        "  human: {max_speed_m_s: 0.6, max_acceleration_m_s2: 2.0, source: its walk}\n"
-        "  robot: {max_speed_m_s: 0.7, max_acceleration_m_s2: 2.0, source: its rail}\n",
-        encoding="utf-8",
-    )
+    rules.write_text(WALK, encoding="utf-8")
     found = score_trial(REAL / "walk_jitter.bag", rules).interval
 
     assert found is not None
@@ -139,6 +146,45 @@ def test_with_bounds_stated_twelve_gaps_leave_four_hundredths_of_a_point(tmp_pat
     (narrowing,) = found.narrowing
     assert narrowing.cause.endswith("ms on /snapshot, stamped on arrival up to 97 ms late")
     assert narrowing.at_most == found.most - found.least
+
+
+@pytest.mark.slow
+def test_the_sparser_a_recording_is_the_wider_is_its_interval_around_the_truth(tmp_path: Path) -> None:
+    """At 10 Hz no interval is short enough for a speed to be seen; the bounds of the bodies still hold."""
+    rules = tmp_path / "walk.yaml"
+    rules.write_text(WALK, encoding="utf-8")
+    intervals = []
+    for number, rate_hz in enumerate((100.0, 20.0, 10.0, 5.0, 1.0)):
+        sparser = tmp_path / f"sparser_{number}.bag"
+        with Reader(REAL / "walk_tf_only.bag") as reader, Writer(sparser) as writer:
+            to = {
+                one.id: writer.add_connection(
+                    one.topic,
+                    one.msgtype,
+                    msgdef=one.msgdef.data,
+                    md5sum=one.digest,
+                    callerid=one.ext.callerid,
+                )
+                for one in reader.connections
+            }
+            due_ns = 0.0
+            for connection, stamp, raw in reader.messages():
+                if connection.topic == "/tf":
+                    if stamp < due_ns:
+                        continue
+                    due_ns = stamp + 1e9 / rate_hz - 2e6
+                writer.write(to[connection.id], stamp, raw)
+        found = score_trial(sparser, rules).interval
+        assert found is not None
+        intervals.append((float(found.least), float(found.most)))
+
+    assert all(least < 2.205 < most for least, most in intervals)
+    assert intervals == sorted(intervals, key=lambda ends: ends[1] - ends[0])
+    for (least, most), (fewer_least, fewer_most) in pairwise(intervals):
+        assert fewer_least <= least < most <= fewer_most
+    widths = [most - least for least, most in intervals]
+    assert widths[0] < 0.01
+    assert widths[2] < 0.6  # at most 8 points are possible
 
 
 def test_one_gap_of_two_topics_is_one_line_of_what_would_narrow_a_score(tmp_path: Path) -> None:

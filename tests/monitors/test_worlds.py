@@ -560,3 +560,68 @@ def test_without_anything_assumed_a_monitor_finds_what_it_always_found() -> None
 
     assert ([one.verdict for one in findings], opened) == ([Verdict.INCONCLUSIVE], [])
     assert findings[0].message == "no samples for 0.060 s, from 1.000 s"
+
+
+def standing(apart_m: float, *, rate_hz: float, later_s: float) -> Trial:
+    """A robot and a human who stand still for 2 s, each seen at a rate, the human a while later."""
+    t = np.arange(0.0, 2.0 + 1e-9, 1.0 / rate_hz)
+    signals = {}
+    for body, x_m, at_s in (("arm", 0.0, t), ("ann", apart_m, t + later_s)):
+        places = np.zeros((len(at_s), 3))
+        places[:, 0] = x_m
+        signals[f"position/{body}"] = Signal(f"position/{body}", "m", at_s, places, f"/{body}")
+    events = (Event(0.1, COMPETITION_STARTED), Event(1.9, COMPETITION_ENDED))
+    bodies = (Body("arm", "robot", 0.0), Body("ann", "human", 0.0))
+    return Trial(
+        "t",
+        bodies=bodies,
+        signals=signals,
+        events=events,
+        recorded=Span(0.0, 2.1),
+        between=between_samples({}, STATED),
+    )
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.04])
+@pytest.mark.parametrize(
+    ("apart_m", "is_certain", "is_possible"),
+    # Between samples 100 ms apart two bodies of 0.6 and 0.4 m/s come nearer, or further, by 0.034 to 0.05 m.
+    [(1.06, False, False), (1.02, False, True), (0.98, False, True), (0.94, True, True)],
+)
+def test_samples_too_sparse_for_a_distance_say_how_near_bodies_can_be(
+    apart_m: float, is_certain: bool, is_possible: bool, later_s: float
+) -> None:
+    given = standing(apart_m, rate_hz=10.0, later_s=later_s)
+    derived = derive_signals(given, [Derivation("separation", 0.05)])
+    assert len(derived.signals["separation/arm/ann"]) == (0 if later_s else 21)
+    findings, opened = found(NEARER_THAN_1_M, derived)
+
+    best, worst = (opened[0].best, opened[0].worst) if opened else (tuple(findings),) * 2
+    least_s, most_s = (of_gap(world, "time_in_violation_s") for world in (best, worst))
+    assert (least_s == pytest.approx(1.8, abs=1e-6)) is is_certain
+    assert (most_s > 0.0) is is_possible
+    assert all("is not in the log" not in one.message for one in findings)
+
+
+@pytest.mark.parametrize(("apart_m", "most_s"), [(0.94, 0.0), (0.87, 1.8)])
+def test_samples_too_sparse_for_a_speed_leave_open_how_fast_bodies_were(
+    apart_m: float, most_s: float
+) -> None:
+    """Required are 0.6 (0.2 + 0.3) + 0.4 * 0.2 + 0.5 = 0.88 m of both at their fastest.
+
+    Nobody sees 0.05 m of their way, and cells make the worst world a little worse.
+    """
+    monitor = SsmSeparation(profile="seed", t1_s=0.2, t2_s=0.3, delta_m=0.5)
+    given = standing(apart_m + 1e-6, rate_hz=10.0, later_s=0.0)
+    derived = derive_signals(given, [Derivation(need.quantity, need.max_gap_s) for need in monitor.needs()])
+    assert len(derived.signals["speed/arm"]) == 0
+    findings, opened = found(monitor, derived)
+
+    worst = opened[0].worst if opened else tuple(findings)
+    assert of_gap(worst, "time_in_violation_s") == pytest.approx(most_s, abs=1e-6)
+
+
+def test_without_bounds_a_speed_that_no_sample_shows_is_missing() -> None:
+    given = replace(standing(1.0, rate_hz=10.0, later_s=0.0), between=None)
+
+    assert "speed/arm" not in derive_signals(given, [Derivation("speed", 0.05)]).signals
