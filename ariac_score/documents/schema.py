@@ -168,11 +168,10 @@ def _description(fault: Any) -> tuple[Place, str, str]:
         remedy = f"give a number {' and '.join(said)}"
         return path, str(fault.message), f"{remedy}: {meaning}" if meaning else remedy
     if fault.validator == "type":
-        return (
-            path,
-            f"{fault.instance!r} is not of type {_listed_types(fault.validator_value, repr)}",
-            _of_type(fault),
-        )
+        types = _listed_types(fault.validator_value, repr)
+        empty = fault.instance is None
+        cause = f"it is empty; {types} is needed" if empty else f"{fault.instance!r} is not of type {types}"
+        return path, cause, _of_type(fault)
     hint = (
         fault.schema.get("description", "see the schema")
         if isinstance(fault.schema, dict)

@@ -70,7 +70,7 @@ def test_facts_as_the_competition_says_pass_and_so_do_those_of_levels_it_says_no
             "give an integer",
         ),
         ({"kind": 3}, ", fact kind", "3 is not of type 'string'", "give a string"),
-        ({"kind": None}, ", fact kind", "None is not of type 'string'", ""),
+        ({"kind": None}, ", fact kind", "it is empty; 'string' is needed", ""),
         ({"kind": "bolt", "dificulty": 1}, ", fact dificulty", "unknown key", "did you mean 'difficulty'?"),
         ({"difficulty": 1}, "", "key 'kind' is missing", "add 'kind'"),
     ],
