@@ -364,12 +364,19 @@ def test_a_fault_has_a_path_a_cause_and_a_remedy(
     assert hint in found_hint
 
 
-@pytest.mark.parametrize("data", [None, [], "text", 7])
-def test_a_document_that_is_no_map_breaks_the_schema(data: object) -> None:
-    ((path, cause, _),) = schema_errors(data, "ruleset")
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (None, "it is empty; 'object' is needed"),
+        ([], "[] is not of type 'object'"),
+        ("text", "'text' is not of type 'object'"),
+        (7, "7 is not of type 'object'"),
+    ],
+)
+def test_a_document_that_is_no_map_breaks_the_schema(data: object, cause: str) -> None:
+    ((path, found, _),) = schema_errors(data, "ruleset")
 
-    assert path == ()
-    assert "is not of type 'object'" in cause
+    assert (path, found) == ((), cause)
 
 
 def test_validation_names_file_line_and_path_and_counts_the_rest() -> None:
