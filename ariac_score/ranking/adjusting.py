@@ -216,6 +216,14 @@ def _changed(
         with suppress(FormulaError):
             result = reprice(result, rule_set, values)
     check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
+    # Whatever was recorded of it, such a run counts nothing of that until stewards give it a score.
+    has_none = run.outcome not in (*WITH_SCORE, "undecided") and not any(one.settles for one in own)
+    for decision in own if has_none else ():
+        if decision.points is not None:
+            raise decision.refuse(
+                f"the run is {run.outcome.replace('_', ' ')}, so there is no score to add points to",
+                "set its score",
+            )
     adjusted = apply(result, own, rule_set, sha256=context.sha256)
     decided = replace(result, adjusted=adjusted)
     terms = run.terms
@@ -227,10 +235,10 @@ def _changed(
         run,
         outcome=_outcome(run, adjusted),
         cause=_cause(run, decided, ends),
-        score=adjusted.score,
+        score=run.score if has_none else adjusted.score,
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),
-        task=_task(run, result, adjusted, rule_set),
+        task=run.task if has_none else _task(run, result, adjusted, rule_set),
         terms=terms,
         result=decided,
         open=ends,
@@ -262,8 +270,8 @@ def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
         return "disqualified"
     if adjusted.score is None and run.outcome in WITH_SCORE:  # another run withholds it
         return "undecided"
-    # A run without a score of its own that stewards give one counts as any scored run; points alone leave it
-    # crashed. An undecided one has a score as soon as all that withheld it is decided.
+    # A run without a score of its own that stewards give one counts as any scored run. An undecided one has a
+    # score as soon as all that withheld it is decided.
     given = any(a.score is not None for a in adjusted.adjustments)
     decided = adjusted.score is not None and (run.outcome == "undecided" or given)
     return "scored" if decided and run.outcome not in WITH_SCORE else run.outcome

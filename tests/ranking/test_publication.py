@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from ariac_score import load_rule_set
 from ariac_score.cli import main
@@ -27,6 +28,8 @@ from ariac_score.results.adjustments import Adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.ruleset import RuleSet
 from ariac_score.scoring.steward import Adjustment
+from ariac_score.testing import SNAPSHOT_SIGNALS, write_trial_log
+from ariac_score_ariac.testing import kitting_trial
 from ariac_score_ariac.testing.official_texts import (
     Outcome,
     PlannedOrder,
@@ -139,6 +142,51 @@ def test_a_crashed_run_counts_the_worst_that_stewards_leave_in_the_trial(below_z
         "crashed": 0,
         "absent": 0,
     }
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"dismissed": True, "complaint": "it was the cable"},
+        {"finding": "separation#1", "verdict": "satisfied"},
+    ],
+    ids=["a complaint that is dismissed", "a verdict"],
+)
+def test_what_was_recorded_of_a_crashed_run_counts_for_nothing_whatever_is_decided_about_it(
+    effect: dict[str, Any], tmp_path: Path
+) -> None:
+    found, prepared, crashed = crashed_with_a_recording(tmp_path)
+    decided = structs.replace(crashed, score=None, **effect)
+    after = adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, (decided,))).stewarded
+
+    assert after is not None
+    assert [(run.outcome, run.score) for run in after.ranking.runs] == [("crashed", 0)]
+    assert [standing.execution for standing in after.ranking.standings] == [0]
+
+
+def test_a_crashed_run_has_no_points_to_lose_and_can_be_given_a_score(tmp_path: Path) -> None:
+    found, prepared, crashed = crashed_with_a_recording(tmp_path)
+    less = structs.replace(crashed, score=None, points=Decimal(-1))
+
+    with pytest.raises(DataFileError, match="the run is crashed, so there is no score"):
+        adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, (less,)))
+    after = adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, (crashed,))).stewarded
+    assert after is not None
+    assert [(run.outcome, run.score) for run in after.ranking.runs] == [("scored", 7)]
+
+
+def crashed_with_a_recording(root: Path) -> tuple[Ranking, tuple[Competition, Spec, RuleSet], Adjustment]:
+    """A run whose simulator died, and whose recording alone would be worth points; and 7 points for it."""
+    folder = root / "logs/team/kit_1"
+    folder.mkdir(parents=True)
+    write_trial_log(folder / "trial.jsonl", kitting_trial(), signals=SNAPSHOT_SIGNALS)
+    (folder / "trial_log.txt").write_text(CRASHED, encoding="utf-8")
+    found, *prepared = ranked_with(root, "paper2020", "")
+    (run,) = found.runs
+    assert run.result is not None
+    assert (run.outcome, run.score, bool(run.result.score)) == ("crashed", 0, True)
+    competition, spec, rule_set = prepared
+    return found, (competition, spec, rule_set), set_score(found, "team", "7")
 
 
 def test_a_crashed_run_is_not_kept_before_one_of_the_same_team_that_lost_points(below_zero: Path) -> None:
