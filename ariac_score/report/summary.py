@@ -178,6 +178,8 @@ class _Teller:
         found = {key: one for key, one in self.found.items() if one.check in self.about_safety}
         broken = {key: one for key, one in found.items() if one.verdict is Verdict.VIOLATED}
         if not broken:
+            if self._is_certain():
+                return "it was not safe, how much so is open" + (self._cost(1) if self.supposed else "")
             if any(one.verdict is Verdict.INCONCLUSIVE for one in found.values()):
                 return "whether it was safe is undecided" + (self._cost(1) if self.supposed else "")
             kept = any(one.verdict is Verdict.SATISFIED for one in found.values())
@@ -191,6 +193,15 @@ class _Teller:
         if len(broken) > 1:
             told += f", the worst of {count_in_words(len(broken))} violations of safety"
         return told + self._cost(len(broken))
+
+    def _is_certain(self) -> bool:
+        """Whether every world has a violation of safety, though no sample shows one."""
+        return any(
+            finding.verdict is Verdict.VIOLATED
+            for one in self.result.measured.open
+            if one.check in self.about_safety
+            for finding in one.best.values()
+        )
 
     def _cost(self, count: int) -> str:
         parts, digits = self.parts, self.result.digits

@@ -21,6 +21,7 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.prepared import prepare
 from ariac_score.engine.read import find_trial, read_trial
 from ariac_score.logs.gather.arrival import arrival_delays_s, late_in_the_competition
+from ariac_score.report.summary import summary_of
 from ariac_score.results.adjustments import Adjustments, adjust, interval_that_counts, load_adjustments
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.readiness import check_log
@@ -174,9 +175,12 @@ def test_the_sparser_a_recording_is_the_wider_is_its_interval_around_the_truth(t
                         continue
                     due_ns = stamp + 1e9 / rate_hz - 2e6
                 writer.write(to[connection.id], stamp, raw)
-        found = score_trial(sparser, rules).interval
+        result = score_trial(sparser, rules)
+        found = result.interval
         assert found is not None
         intervals.append((float(found.least), float(found.most)))
+        if rate_hz in (10.0, 5.0):  # no sample shows a violation, and every world has one
+            assert "It was not safe, how much so is open" in summary_of(result)
 
     assert all(least < 2.205 < most for least, most in intervals)
     assert intervals == sorted(intervals, key=lambda ends: ends[1] - ends[0])
