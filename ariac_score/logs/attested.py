@@ -13,11 +13,21 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+
 from ariac_score.documents.schema import strict_json
 from ariac_score.errors import LogError
-from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for, type_hash_of
+from ariac_score.logs.columnar.types import (
+    Decode,
+    UnknownTypeError,
+    decoder_for,
+    is_defined,
+    refuse_undecodable,
+    type_hash_of,
+)
 from ariac_score.logs.containers.detect import open_scan
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type, with_slash
+from ariac_score.logs.gather.clocks import CLOCK_TOPIC, CLOCK_TYPE
 from ariac_score.trial.attestation import Attestation, Lacking, Unheard
 from ariac_score.trial.spans import Span
 
@@ -65,12 +75,16 @@ class _Found:
 
     Attributes:
         unfit: What its recorder published and nobody can read, in words; empty where all can be read.
+        encodings: How the messages of the recorder are encoded.
+        clock: Log time and time of each message of `/clock`, ns.
         declared: The connections of each topic.
     """
 
     heartbeats: list[tuple[int, _Beat]] = field(default_factory=list)
     manifests: list[_Manifest] = field(default_factory=list)
     unfit: str = ""
+    encodings: set[str] = field(default_factory=set)
+    clock: list[tuple[int, int]] = field(default_factory=list)
     declared: dict[str, dict[Connection, None]] = field(default_factory=lambda: defaultdict(dict))
     digests: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     logged: dict[str, list[_Logged]] = field(default_factory=lambda: defaultdict(list))
@@ -166,6 +180,7 @@ def _scanned(path: Path) -> _Found:
         connection, topic = message.connection, with_slash(message.connection.topic)
         if topic in (HEARTBEAT, MANIFEST):
             decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
+            found.encodings.add(connection.encoding)
             try:
                 decoded = decode(message.payload)
                 if topic == HEARTBEAT:
@@ -177,6 +192,11 @@ def _scanned(path: Path) -> _Found:
                 found.unfit = found.unfit or f"a {what} of its recorder cannot be read: {cause}"
             continue
         found.declared[topic][connection] = None
+        if topic == CLOCK_TOPIC and connection.type == CLOCK_TYPE:
+            decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
+            with suppress(UnknownTypeError, AttributeError, TypeError, ValueError):
+                clock = decode(message.payload).clock  # type: ignore[attr-defined]  # rosbags makes the class
+                found.clock.append((message.stamp_ns, int(clock.sec) * 10**9 + int(clock.nanosec)))
         digest, node = digest_of(message.payload), connection.publisher
         if node and connection.type == _PRINTED:
             decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
@@ -244,6 +264,8 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
     late_ns = _late_ns(beats)
     _refuse_moved_heartbeats(beats, late_ns)
     _refuse_other_pace(beats)
+    if CLOCK_TOPIC not in listed:
+        _refuse_other_clock(found.clock, beats, late_ns)
     meaning = _refuse_other_meaning(found, stated)
     matched = _matched(found, spans, origin_ns, late_ns)
     began_ns = beats[0][0] if beats else 0
@@ -269,12 +291,19 @@ def _held_against(found: _Found, manifest: Any, origin_ns: int) -> Attestation:
                     within=sum(one.start_s >= logged_s for every in arrived for one in every),
                 )
             )
+    lost, unlisted = _lost(stated), dict(_unlisted(found, listed, beats, early))
+    for topic in sorted(matched.keys() & listed.keys()):
+        _refuse_joined_publishers(topic, found.logged[topic], listed[topic], stated["topics"][topic])
+    if beats:  # what neither the recorder nor the log has was sent all the same
+        whole = _around([span for every in spans.values() for span in every] or [Span(0.0, 0.0)])
+        gone = {topic: n - unlisted.get(topic, 0) - len(early.get(topic, ())) for topic, n in lost.items()}
+        lacking += [Lacking(topic, n, whole, within=n) for topic, n in sorted(gone.items()) if n > 0]
     return Attestation(
         lacking=tuple(lacking),
         late=tuple(unheard),
         early=frozenset(Unheard(topic, *one[:3]) for topic in early for one in early[topic]),
-        unlisted=tuple(_unlisted(found, listed, beats, early)),
-        put_in=tuple(_unlisted(found, listed, beats, early, _lost(stated))),
+        unlisted=tuple(unlisted.items()),
+        put_in=tuple(_unlisted(found, listed, beats, early, lost)),
         moved=tuple((topic, n) for topic, one in matched.items() if (n := one.moved().total())),
         moved_by_s=late_ns / 1e9,
         unattested=tuple(sorted(found.digests.keys() - listed.keys())),
@@ -436,6 +465,25 @@ def _refuse_other_pace(beats: list[tuple[int, Mapping[str, Any]]]) -> None:
         )
 
 
+def _refuse_other_clock(
+    clock: Sequence[tuple[int, int]], beats: list[tuple[int, Mapping[str, Any]]], late_ns: int
+) -> None:
+    """Refuse a `/clock` that says otherwise than the heartbeats; it comes too often to be listed itself."""
+    if not clock:
+        return
+    at, ticks = (np.array(column, dtype=np.int64) for column in zip(*sorted(clock), strict=True))
+    told = [(stamp_ns, sent) for stamp_ns, beat in beats if (sent := _sent_ns(beat, "ros_ns")) is not None]
+    if not told:
+        raise _UnfitError("nothing in its heartbeats shows that its '/clock' is that of the simulation")
+    stamps, sent_ns = (np.array(column, dtype=np.int64) for column in zip(*told, strict=True))
+    before = np.searchsorted(at, stamps, side="right") - 1
+    there = (before >= 0) & (stamps - at[np.maximum(before, 0)] <= late_ns)
+    apart_ns = np.abs(ticks[np.maximum(before, 0)] - sent_ns)[there]
+    if not there.any() or apart_ns.max() > late_ns:
+        worst = f", by up to {apart_ns.max() / 1e9:.1f} s" if there.any() else ""
+        raise _UnfitError(f"its '/clock' says otherwise than its heartbeats{worst}")
+
+
 def _lost(stated: Mapping[str, Any]) -> dict[str, int]:
     """How many messages of each topic never reached the recorder, by their numbers."""
     found = {}
@@ -493,29 +541,64 @@ def _refuse_other_meaning(found: _Found, stated: Mapping[str, Any]) -> _Meaning:
         if len({connection.encoding for connection in connections}) > 1:
             raise _UnfitError(f"it encodes the messages on {topic!r} in two ways")
         by_text = bool(known) and all(one.startswith(_TEXT) for one in known)
-        hashes, lacking = _hashes_of(connections, by_text=by_text)
+        defined = _Defined.by(connections, by_text=by_text)
+        other = next((one.encoding for one in connections if one.encoding not in found.encodings), None)
+        lacking = defined.unreadable
+        if other is not None:
+            lacking = f"its messages are {other or 'not'} encoded, and those of the recorder otherwise"
         if not known or any(one.endswith(_EVENT) for one in types):
             undefined += [topic] if "definitions" in block else []
-            if len(hashes) > 1:
+            if len(defined.hashes) > 1:
                 raise _UnfitError(f"it defines the messages on {topic!r} in two ways")
-        elif lacking:
-            uncompared.append((topic, lacking))
-        elif not hashes <= {*known}:
+        elif not (lacking := lacking or defined.uncompared) and not defined.hashes <= {*known}:
             raise _UnfitError(f"it defines the messages on {topic!r} otherwise than who published them")
+        uncompared += [(topic, lacking)] if lacking else []
     return _Meaning(tuple(undefined), tuple(uncompared))
 
 
-def _hashes_of(connections: Iterable[Connection], *, by_text: bool) -> tuple[set[str], str]:
-    """The hashes of what connections define, their texts where they have none; why one has none."""
-    hashes, lacking = set(), ""
-    for one in connections:
-        text = f"{_TEXT}{hashlib.sha256(one.definition.encode('utf-8')).hexdigest()}"
-        try:
-            hashes.add(text if by_text else type_hash_of(one))
-        except UnknownTypeError as cause:
-            hashes.add(text)
-            lacking = str(cause)
-    return hashes, lacking
+class _Defined(NamedTuple):
+    """How a log defines the messages of a topic.
+
+    Attributes:
+        hashes: Of its definitions; of their texts where they have none.
+        unreadable: Why some cannot be decoded: who makes a topic unreadable has left it out.
+        uncompared: Why one cannot be held against what a recorder says of it.
+    """
+
+    hashes: set[str]
+    unreadable: str
+    uncompared: str
+
+    @classmethod
+    def by(cls, connections: Iterable[Connection], *, by_text: bool) -> _Defined:
+        """What connections define, by the texts or by the type hashes of their definitions."""
+        hashes, unreadable, uncompared = set(), "", ""
+        for one in connections:
+            text = f"{_TEXT}{hashlib.sha256(one.definition.encode('utf-8')).hexdigest()}"
+            try:
+                refuse_undecodable(one)
+            except UnknownTypeError as cause:
+                hashes.add(text)
+                unreadable = str(cause)
+                continue
+            try:
+                hashes.add(text if by_text else type_hash_of(one))
+                uncompared = uncompared or _unlike_its_publisher(one, by_text=by_text)
+            except UnknownTypeError as cause:
+                hashes.add(text)
+                uncompared = str(cause)
+        return cls(hashes, unreadable, uncompared)
+
+
+def _unlike_its_publisher(connection: Connection, *, by_text: bool) -> str:
+    """Why a definition cannot be that of a publisher, whatever its hash is; empty where it can."""
+    if not is_defined(connection):
+        return "the recording has no definition of it"
+    if by_text and (connection.encoding, connection.definition_format) != ("ros1", "ros1msg"):
+        return "its definition is one of ROS 1, and its messages are not read so"
+    if by_text and "\ufffd" in connection.definition:
+        return "its definition is no text in UTF-8"
+    return ""
 
 
 def _matched(
@@ -566,6 +649,30 @@ def _at_most(found: Sequence[tuple[Span, str]], counts: Mapping[str, int]) -> li
 
 def _around(spans: Sequence[Span]) -> Span:
     return Span(min(span.start_s for span in spans), max(span.end_s for span in spans))
+
+
+def _refuse_joined_publishers(
+    topic: str, logged: Sequence[_Logged], listed: Counter[str], about: Mapping[str, Any]
+) -> None:
+    """Refuse a topic on which the messages of several publishers stand as those of one.
+
+    Two that tell two stories contest each other; one that changes his mind does not.
+    """
+    publishers = about.get("publishers")
+    if not isinstance(publishers, dict) or "" in publishers:
+        return
+    counts = {name: n if isinstance(n := one.get("count"), int) else 0 for name, one in publishers.items()}
+    of_log, here = Counter(one.publisher for one in logged), Counter(one.digest for one in logged)
+    more, less = (here - listed).total(), (listed - here).total()
+    if all(name.startswith("/") for name in of_log):
+        for name, n in sorted(of_log.items()):
+            if n > counts.get(name, 0) + more:
+                raise _UnfitError(f"on {topic!r} it has messages of others as those of {name}")
+        return
+    # Another container names connections by numbers: of as many publishers, unless nothing is left of some.
+    fewest = sorted(n for n in counts.values() if n > 0)[: max(0, len(counts) - len(of_log))]
+    if sum(fewest) > less:
+        raise _UnfitError(f"on {topic!r} it has the messages of {len(counts)} publishers as those of fewer")
 
 
 def _less_from(matched: _Matched | None, about: Mapping[str, Any]) -> tuple[str, ...]:

@@ -9,11 +9,12 @@ import stat
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import Writer as Ros1Writer
 
 from ariac_score import LogError, Result, score_trial
@@ -54,10 +55,13 @@ def events() -> list[Recorded]:
     ]
 
 
-def digest(message: Recorded) -> str:
-    store = bundled_typestore(2)
-    payload = store.serialize_cdr(
-        _built(store, message.type, message.fields), message.type, little_endian=True
+def digest(message: Recorded, ros: Literal[1, 2] = 2) -> str:
+    store = bundled_typestore(ros)
+    built = _built(store, message.type, message.fields)
+    payload = (
+        store.serialize_ros1(built, message.type)
+        if ros == 1
+        else store.serialize_cdr(built, message.type, little_endian=True)
     )
     return base64.b64encode(hashlib.sha256(bytes(payload)).digest()[:12]).decode()
 
@@ -71,6 +75,7 @@ def attested(
     pace: float | None = None,
     about: Mapping[str, Any] | None = None,
     of: str = "",
+    ros: Literal[1, 2] = 2,
     **named: str,
 ) -> list[Recorded]:
     """The messages with a heartbeat for every second, and a closed manifest: docs/completeness.md.
@@ -85,7 +90,7 @@ def attested(
         now = [m for m in messages if begins_ns <= m.t_ns < begins_ns + each_ns]
         topics = {}
         for topic in dict.fromkeys(m.topic for m in now):
-            came = [digest(m) for m in now if m.topic == topic]
+            came = [digest(m, ros) for m in now if m.topic == topic]
             topics[topic] = {"first": counted[topic] + 1, "digests": "".join(came)}
             counted[topic] += len(came)
         sent = begins_ns + each_ns - 1
@@ -429,17 +434,33 @@ def test_equal_messages_may_not_be_moved_among_each_other(tmp_path: Path, signin
 # The bytes stay, and what they mean or whose they are does not -----------------------------------
 
 
-def hash_of(text: bytes) -> str:
-    return f"sha256:{hashlib.sha256(text).hexdigest()}"
+def hash_of(text: str) -> str:
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
-def definition_on(path: Path, topic: str) -> bytes:
-    """The definition in a recording, as a reader of its maker's gives it."""
-    with path.open("rb") as file:
-        found = make_reader(file).get_summary()
-        assert found is not None
-        (schema,) = {c.schema_id for c in found.channels.values() if c.topic == topic}
-        return bytes(found.schemas[schema].data)
+def definition_on(path: Path, topic: str) -> str:
+    """The definition in a bag of ROS 1."""
+    with Ros1Reader(path) as reader:
+        (found,) = {one.msgdef.data for one in reader.connections if one.topic == topic}
+        return found
+
+
+def defined_as(path: Path, topic: str, definition: str) -> Path:
+    """A bag of ROS 1 whose messages on a topic have another definition."""
+    out = path.with_name("altered.bag")
+    with Ros1Reader(path) as reader, Ros1Writer(out) as writer:
+        to = {
+            one.id: writer.add_connection(
+                one.topic,
+                one.msgtype,
+                msgdef=definition if one.topic == topic else one.msgdef.data,
+                md5sum=one.digest,
+            )
+            for one in reader.connections
+        }
+        for connection, stamp_ns, data in reader.messages():
+            writer.write(to[connection.id], stamp_ns, data)
+    return out
 
 
 Change = Callable[[str, bytes, bytes], Iterable[tuple[str, bytes, bytes, int]]]
@@ -520,17 +541,95 @@ def test_a_log_that_gives_the_bytes_another_meaning_is_not_attested(
 
 
 def test_the_definitions_of_its_publishers_attest_a_log(tmp_path: Path, signing: Signing) -> None:
-    text = definition_on(write_bag(tmp_path / "plain.mcap", events(), storage="mcap"), EVENTS)
-    about = {"type": "ariac_score_msgs/TrialEvent", "definitions": [hash_of(text), hash_of(b"of another")]}
-    whole = attested(events(), signing[1], about=about)
-    assert completeness(scored(tmp_path, whole, attesting(signing))) == "recorder: "
-    altered = rewritten(tmp_path / "run.mcap", redefined(OTHERWISE, all_of_them=True))
+    text = definition_on(write_bag(tmp_path / "plain.bag", events(), storage="ros1"), EVENTS)
+    about = {"type": "ariac_score_msgs/TrialEvent", "definitions": [hash_of(text), hash_of("of another")]}
+    whole = attested(events(), signing[1], about=about, ros=1)
+    log, rules = (
+        write_bag(tmp_path / "run.bag", whole, storage="ros1"),
+        rules_in(tmp_path, attesting(signing)),
+    )
+    assert completeness(score_trial(log, rules)) == "recorder: "
+    altered = defined_as(log, EVENTS, OTHERWISE.decode())
     assert attestation_of(altered, 0).problem == (
         "it defines the messages on '/ariac_score/events' otherwise than who published them"
     )
 
     unknown = scored(tmp_path, attested(events(), signing[1], about={"definitions": []}), attesting(signing))
     assert completeness(unknown) == "recorder: definitions not attested: /ariac_score/events"
+
+
+@pytest.mark.parametrize("array", ["TrialEvent[]", "TrialEvent", "TrialEvent[0]", "TrialEvent[2]"])
+def test_a_list_of_messages_is_not_one_of_them_though_the_md5_sum_of_ros_is_the_same(
+    array: str, tmp_path: Path, signing: Signing
+) -> None:
+    """Who makes no element of the list of all transforms has every body gone, by the sum of ROS 1 alone."""
+    frames = Recorded("/tf", "tf2_msgs/msg/TFMessage", 3 * 10**9, {"transforms": []})
+    text = definition_on(write_bag(tmp_path / "plain.bag", [frames], storage="ros1"), "/tf")
+    about = {"type": "tf2_msgs/TFMessage", "definitions": [hash_of(text)]}
+    whole = attested(in_order(*events(), frames), signing[1], about=about, of="/tf", ros=1)
+    log = write_bag(tmp_path / "run.bag", whole, storage="ros1")
+
+    kind = array.replace("TrialEvent", "geometry_msgs/TransformStamped")
+    altered = text.replace("geometry_msgs/TransformStamped[] transforms", f"{kind} transforms")
+    problem = attestation_of(defined_as(log, "/tf", altered), 0).problem
+    assert problem == (
+        "" if altered == text else "it defines the messages on '/tf' otherwise than who published them"
+    )
+
+
+@pytest.mark.parametrize("encoding", ["json", "ros1", "", "cbor"])
+def test_a_topic_that_was_made_unreadable_is_as_one_that_was_left_out(
+    encoding: str, tmp_path: Path, signing: Signing
+) -> None:
+    about = {"type": "ariac_score_msgs/TrialEvent"}
+    path = write_bag(tmp_path / "run.mcap", attested(events(), signing[1], about=about), storage="mcap")
+
+    def all_of_it(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield topic, text, data, int(topic == EVENTS)
+
+    log = rewritten(path, all_of_it, {1: encoding})
+    rules = rules_in(tmp_path, attesting(signing))
+    with pytest.raises(LogError, match=r"cannot be told on /ariac_score/events: "):
+        score_trial(log, rules)
+
+
+@pytest.mark.parametrize("comment", ["# <wstring\n", "/* wstring A = */ "])
+def test_a_definition_that_two_readers_would_read_otherwise_attests_nothing(
+    comment: str, tmp_path: Path, signing: Signing
+) -> None:
+    found = attestation_with(
+        tmp_path, signing[1], "std_msgs/msg/String", f"{comment}string data", "ros2msg", STRING_HASH
+    )
+    assert (found.problem != "") or [topic for topic, _ in found.uncompared] == ["/other"]
+
+
+@pytest.mark.parametrize(
+    ("pace", "begins_s", "is_attested"),
+    [(1.0, 0.0, True), (1.0, 0.1, True), (1.0, 5.0, False), (0.8, 0.0, False)],
+)
+def test_a_clock_that_the_heartbeats_do_not_tell_was_put_in(
+    pace: float, begins_s: float, is_attested: bool, tmp_path: Path, signing: Signing
+) -> None:
+    """No recorder lists `/clock`, which comes too often; the time of its node is in every heartbeat."""
+    whole = attested(events(), signing[1])
+    ticks = [
+        Recorded(
+            "/clock",
+            "rosgraph_msgs/msg/Clock",
+            t_ns,
+            {"clock": {"sec": int(now_ns // 10**9), "nanosec": int(now_ns % 10**9)}},
+        )
+        for t_ns in range(0, 10 * 10**9, 10**8)
+        if (now_ns := round(begins_s * 1e9 + pace * t_ns)) >= 0
+    ]
+    problem = attestation_of(
+        write_bag(tmp_path / "run.mcap", in_order(*whole, *ticks), storage="mcap"), 0
+    ).problem
+
+    assert problem.startswith(
+        "" if is_attested else "its '/clock' says otherwise than its heartbeats, by up to"
+    )
+    assert bool(problem) is not is_attested
 
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -594,7 +693,7 @@ def test_another_definition_of_the_type_has_another_hash(
 @pytest.mark.parametrize(
     ("type_", "definition", "form", "why"),
     [
-        ("a/msg/Wide", "wstring data", "ros2msg", "it lacks 'a/msg/wstring'"),
+        ("a/msg/Wide", "wstring data", "ros2msg", "names wide texts"),
         ("a/msg/Unknown", "", "unknown", "neither the recording nor ariac-score has a definition"),
         ("a/action/Turn_FeedbackMessage", "int32 a\n---\nint32 b", "ros2msg", "cannot be used"),
         ("a/msg/Loop", "Loop data", "ros2msg", "cannot be used"),
@@ -619,6 +718,50 @@ def test_a_definition_without_a_hash_matters_where_it_is_read_alone(
     rules = rules_in(tmp_path, attesting(signing), "./ours.yaml")
     with pytest.raises(LogError, match=r"cannot be told on /other: "):
         score_trial(log, rules)
+
+
+def test_a_loss_that_the_manifest_states_is_missing_whatever_the_numbers_of_the_log_say(
+    tmp_path: Path, signing: Signing
+) -> None:
+    quiet = without(events(), EVENTS, 2)
+
+    def lost(count: int) -> list[Recorded]:
+        about = {"publishers": {"": {"count": len(quiet), "lost": count}}}
+        return attested(quiet, signing[1], about=about)
+
+    assert completeness(scored(tmp_path, lost(0), attesting(signing))) == "recorder: "
+    with pytest.raises(LogError, match=r"missing: 1 message on /ariac_score/events"):
+        scored(tmp_path, lost(1), attesting(signing))
+    assert scored(tmp_path, lost(1)).is_open
+
+
+@pytest.mark.parametrize(
+    ("counts", "problem"),
+    [
+        ({"/cell": 4}, ""),
+        ({"/cell": 3, "/other": 1}, "it has messages of others as those of /cell"),
+        ({"/other": 4}, "it has messages of others as those of /cell"),
+    ],
+)
+def test_messages_of_several_publishers_may_not_stand_as_those_of_one(
+    counts: Mapping[str, int], problem: str, tmp_path: Path, signing: Signing
+) -> None:
+    about = {"publishers": {name: {"count": n, "lost": 0} for name, n in counts.items()}}
+    said = [replace(one, publisher="/cell") for one in events()]
+    whole = attested(said, signing[1], about=about, ros=1)
+
+    assert problem in attestation_of(write_bag(tmp_path / "run.bag", whole, storage="ros1"), 0).problem
+    joined = attestation_of(
+        write_bag(tmp_path / "run.mcap", attested(said, signing[1], about=about), storage="mcap"), 0
+    )
+    assert bool(joined.problem) is (len(counts) > 1)
+
+
+def test_an_unread_topic_without_a_definition_is_none_of_the_log(tmp_path: Path, signing: Signing) -> None:
+    """The definition that is known here may be that of another edition of ROS."""
+    found = attestation_with(tmp_path, signing[1], "sensor_msgs/msg/Range", "", "", STRING_HASH)
+
+    assert (found.problem, [topic for topic, _ in found.uncompared]) == ("", ["/other"])
 
 
 def test_a_message_on_a_topic_that_is_spelt_without_its_slash_was_put_in(

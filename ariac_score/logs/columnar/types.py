@@ -35,6 +35,8 @@ __all__ = [
     "column_decoder_for",
     "compiled_store_of",
     "decoder_for",
+    "is_defined",
+    "refuse_undecodable",
     "type_hash_of",
 ]
 
@@ -177,6 +179,8 @@ def type_hash_of(connection: Connection) -> str:
     Raises:
         UnknownTypeError: No definition of the type is known, or it cannot be hashed.
     """
+    if _WIDE.search(connection.definition):  # it is decoded by another text, without what belongs to it alone
+        raise UnknownTypeError("the recording's definition of it names wide texts (wstring)")
     name, form, definition = connection.type, connection.definition_format, connection.definition
     if not definition and form in _NO_DEFINITION:
         store = _typestore_for(connection.encoding, name, "", "")
@@ -187,6 +191,23 @@ def type_hash_of(connection: Connection) -> str:
             store.register(_parsed(name, form, definition))
     with _refusing_definitions():
         return str(store.hash_rihs01(name))
+
+
+def refuse_undecodable(connection: Connection) -> None:
+    """Refuse a connection none of whose messages can be decoded, for their encoding or their definition.
+
+    Raises:
+        UnknownTypeError: As of `decoder_for`.
+    """
+    try:
+        column_decoder_for(connection)
+    except PlanError:
+        compiled_store_of(connection)
+
+
+def is_defined(connection: Connection) -> bool:
+    """Whether a recording brings a definition of the messages of a connection."""
+    return bool(connection.definition) or connection.definition_format not in _NO_DEFINITION
 
 
 def compiled_store_of(connection: Connection, unit: str = "") -> Typestore:
