@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from ariac_score.engine.prepared import Prepared
@@ -9,6 +10,7 @@ from ariac_score.errors import LogError, RuleSetError
 from ariac_score.results.signing import signed_text
 from ariac_score.trial.attestation import Attestation, Lacking
 from ariac_score.trial.channels import Channel
+from ariac_score.trial.events import ORDER_ANNOUNCED
 from ariac_score.trial.model import Trial
 from ariac_score.trial.statements import NOBODY, RECORDER, Statement
 
@@ -69,7 +71,35 @@ def with_completeness(trial: Trial, prepared: Prepared, *, trial_id: str = "", t
         else Statement("completeness", RECORDER, tuple(sorted(reasons)), "; ".join(lacks + noted))
     )
     why = trial.window_open or (f"the log is not what its recorder received: {lacks[0]}" if lacks else "")
-    return replace(trial, window_open=why, statements=tuple(sorted((*trial.statements, statement))))
+    unread = _unread(trial, prepared)
+    statements = (*(_as_far_as_read(one, unread) for one in trial.statements), statement)
+    why = why or next(iter(unread.values()), "")
+    return replace(trial, window_open=why, statements=tuple(sorted(statements)))
+
+
+_UNREAD = frozenset({"undecodable_messages", "unreadable_messages"})
+_WORK = frozenset({"submissions", ORDER_ANNOUNCED})
+
+
+def _unread(trial: Trial, prepared: Prepared) -> dict[str, str]:
+    """What nobody can read of what was asked for and of what was handed in, in words, by what it tells.
+
+    What a topic of events may have told is open already: nobody then vouches that it did not happen.
+    """
+    unread = {one.where for one in trial.log_defects if one.kind in _UNREAD}
+    return {
+        kind: f"not all messages on {channel.topic} can be read"
+        for channel in prepared.log_map.channels
+        for kind in sorted(_WORK & set(channel.witnesses))
+        if channel.topic in unread
+    }
+
+
+def _as_far_as_read(statement: Statement, unread: Mapping[str, str]) -> Statement:
+    """A statement, or that nobody makes it: where no file states the work, it is what was announced."""
+    if statement.fact != "work" or statement.by != RECORDER or ORDER_ANNOUNCED not in unread:
+        return statement
+    return Statement("work", NOBODY, detail=f"{unread[ORDER_ANNOUNCED]}, so more may have been asked for")
 
 
 _LATE_S = 1.0

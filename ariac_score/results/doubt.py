@@ -26,6 +26,8 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
     }
     given = {name: check.parameters.get(_PAUSE) for name, check in rule_set.checks.items()}
     pauses = {**given, **stated}
+    unstated = (one.detail for one in measured.statements if one.fact == "work" and one.by == NOBODY)
+    work_open = measured.cut.work_open if measured.cut is not None else ""
     is_cut = measured.cut is not None and measured.cut.open_end
     return LeftOpen(
         findings=measured.open,
@@ -36,7 +38,7 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
         # Where a log is cut off, what is undecided up to there has an end.
         endless=not is_cut and any(one.fact == "window" and one.by == NOBODY for one in measured.statements),
         open_end_s=measured.cut.until_s if is_cut and measured.cut is not None else None,
-        work_open=measured.cut.work_open if measured.cut is not None else "",
+        work_open=work_open or next(unstated, ""),
         lasted=measured.lasted,
     )
 

@@ -247,7 +247,7 @@ class TrialBuilder:
         """Believe nobody that some kinds of events did not happen: messages that may have told so were lost.
 
         Args:
-            watched: The kinds that were watched for there.
+            watched: The kinds that were told there.
             where: The topic.
         """
         self._doubted.update(dict.fromkeys(watched, where))
@@ -258,14 +258,15 @@ class TrialBuilder:
         begin_s = self.recorded.start_s + LATEST_WATCHER_S if self.recorded else np.inf
         start_s = min(starts) + LATEST_START_S if starts else begin_s
         for kind, t_s in sorted(self._watching.items()):
-            if kind in self._doubted:
-                message = f"watched for on {self._doubted[kind]}, of which messages were lost"
-                self.defect("doubted_watcher", kind, 1, message)
-            elif t_s <= start_s:
+            if t_s <= start_s:
                 self.witnessed.add(kind)
             elif kind not in self.witnessed:
                 message = f"watched for from {t_s:.3f} s on only: nobody knows what happened before"
                 self.defect("late_watcher", kind, 1, message)
+        for kind in sorted(self.witnessed & self._doubted.keys()):
+            message = f"told on {self._doubted[kind]}, of which messages are lost or cannot be read"
+            self.defect("doubted_watcher", kind, 1, message)
+            self.witnessed.remove(kind)
 
     @property
     def _sampled(self) -> tuple[Signal | Series, ...]:

@@ -25,6 +25,9 @@ from ariac_score.results.signing import make_keys
 from ariac_score.testing import Recorded, write_bag
 from ariac_score.testing.bags import _built
 from ariac_score.trial.attestation import Attestation
+from ariac_score_ariac.testing import kitting_trial
+from ariac_score_ariac.testing.recordings import recorded_messages
+from ariac_score_ariac.work import KitSubmission
 
 EVENTS = "/ariac_score/events"
 RECORDING = "7f3c" * 8
@@ -791,7 +794,7 @@ def test_a_message_under_another_encoding_is_no_message_of_its_recorder(
     assert found.problem == "it encodes the messages on '/ariac_score/events' in two ways"
 
 
-@pytest.mark.parametrize("damage", ["cut", "foreign", "gone"])
+@pytest.mark.parametrize("damage", ["cut", "foreign", "mistyped", "gone"])
 def test_who_watches_vouches_for_nothing_that_a_lost_message_may_have_told(
     damage: str, tmp_path: Path
 ) -> None:
@@ -802,7 +805,12 @@ def test_who_watches_vouches_for_nothing_that_a_lost_message_may_have_told(
     def damaged(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
         hit = is_collision(data)
         if not (hit and damage == "gone"):
-            yield topic, text, data[:9] if hit and damage == "cut" else data, int(hit and damage == "foreign")
+            yield (
+                topic,
+                text,
+                data[:9] if hit and damage == "cut" else data,
+                int(hit and damage in ("foreign", "mistyped")),
+            )
 
     log = rewritten(path, damaged, {1: "json"})
     with log.open("rb") as source, (tmp_path / "numbered.mcap").open("wb") as sink:
@@ -811,8 +819,11 @@ def test_who_watches_vouches_for_nothing_that_a_lost_message_may_have_told(
         for number, (schema, channel, message) in enumerate(reader.iter_messages(), start=1):
             assert schema is not None
             if channel.id not in channels:
-                known = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, known)
+                other = damage == "mistyped" and channel.message_encoding == "json"
+                name = "a/msg/Another" if other else schema.name
+                known = writer.register_schema(name, schema.encoding, schema.data)
+                encoding = "cdr" if other else channel.message_encoding
+                channels[channel.id] = writer.register_channel(channel.topic, encoding, known)
             told = number + (damage == "gone" and number > 5)
             writer.add_message(
                 channels[channel.id], message.log_time, message.data, message.publish_time, told
@@ -826,6 +837,80 @@ def test_who_watches_vouches_for_nothing_that_a_lost_message_may_have_told(
     assert (found.interval.least, found.interval.most) == (0, 10)
     assert {defect.kind: defect.where for defect in found.measured.log_defects}["doubted_watcher"] == (
         "arm_collision"
+    )
+
+
+@pytest.mark.parametrize("damage", ["cut", "foreign"])
+def test_one_topic_vouches_for_nothing_that_another_one_may_have_told(damage: str, tmp_path: Path) -> None:
+    """Contacts of the left and of the right arm come on topics of their own."""
+    sides = [
+        Recorded(f"/{side}_contact", "std_msgs/msg/String", t_ns * 10**9, {"data": "touched"})
+        for side, t_ns in (("left", 9), ("right", 5))
+    ]
+    times = [one for one in events() if one.fields["kind"].startswith("competition")]
+    path = write_bag(tmp_path / "run.mcap", in_order(*times, *sides), storage="mcap")
+    (tmp_path / "ours.yaml").write_text(
+        "id: ours\ntitle: Ours\nsource: this test\nextends: ariac2020\nchannels:\n"
+        "  - {topic: /left_contact, event: {kind: another}, witnesses: [arm_collision]}\n"
+        "  - {topic: /right_contact, event: {kind: arm_collision}, witnesses: [arm_collision]}\n"
+    )
+    rules = rules_in(tmp_path, log_map="./ours.yaml")
+
+    def damaged(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        right = topic == "/right_contact"
+        yield topic, text, data[:6] if right and damage == "cut" else data, int(right and damage == "foreign")
+
+    assert score_trial(path, rules).score == HONEST
+    found = score_trial(rewritten(path, damaged, {1: "json"}), rules)
+    assert (found.score, found.is_open) == (HONEST, True)
+
+
+def unread_of_a_kit(folder: Path, topic: str, number: int, damage: str) -> tuple[Path, Path]:
+    """A recording of two orders and three submissions, of which the first is an empty one; and a damaged one.
+
+    Args:
+        folder: For both.
+        topic: Where a message cannot be read.
+        number: Which one of the topic, from 1.
+        damage: `cut` or `foreign`.
+    """
+    trial, seen = kitting_trial(), 0
+    empty = KitSubmission(trial.submissions[0].item_id, 12.0, (), "agv1")
+    submitted = replace(trial, submissions=(empty, *trial.submissions))
+    path = write_bag(folder / "run.mcap", [*recorded_messages(submitted, motion="snapshot")], storage="mcap")
+
+    def damaged(name: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        nonlocal seen
+        seen += name == topic
+        hit = name == topic and seen == number
+        yield name, text, data[:9] if hit and damage == "cut" else data, int(hit and damage == "foreign")
+
+    return path, rewritten(path, damaged, {1: "json"})
+
+
+@pytest.mark.parametrize("damage", ["cut", "foreign"])
+def test_what_was_handed_in_is_open_where_a_submission_cannot_be_read(damage: str, tmp_path: Path) -> None:
+    whole, part = unread_of_a_kit(tmp_path, "/ariac_score/submissions", 1, damage)
+    honest, found = (score_trial(log, "paper2020.published") for log in (whole, part))
+
+    assert honest.score is not None
+    assert found.score is not None
+    assert found.score <= honest.score
+    assert found.interval is not None
+    assert found.interval.least <= honest.score <= found.interval.most
+
+
+@pytest.mark.parametrize("damage", ["cut", "foreign"])
+@pytest.mark.parametrize("number", [1, 2])
+def test_no_number_is_the_score_where_an_order_cannot_be_read(
+    number: int, damage: str, tmp_path: Path
+) -> None:
+    _, part = unread_of_a_kit(tmp_path, "/ariac/orders", number, damage)
+    found = score_trial(part, "paper2020.published")
+
+    assert (found.score, found.status) == (None, "incomplete")
+    assert found.missing.startswith(
+        "not all messages on /ariac/orders can be read, so more may have been asked for"
     )
 
 

@@ -155,6 +155,9 @@ class Collector:
         intakes = [intake for intake in self._everyone() if intake.accepts(connection)]
         if not intakes:
             self._others.add(f"/{connection.topic.lstrip('/')}")
+            for intake in self._everyone():
+                if intake.is_on(connection):
+                    intake.foreign[connection.type] = None
             if self._ticks:
                 self._witnesses.connect(connection)
             return
@@ -544,6 +547,7 @@ class _Intake:
         self.elsewhere = ""  # the frame of its positions, where they are to be transformed
         self.sent, self.unknown = TopicNumbering(), Unknown()
         self.untyped: dict[str, str] = {}
+        self.foreign: dict[str, None] = {}  # types on the topic that no channel takes
         self.undecodable: list[str] = []
         self.refused: dict[int, str] = {}
         self._type = normalised_type(channel.type)
@@ -561,11 +565,15 @@ class _Intake:
         decoder = wanted.decoders.get(channel.decoder)
         self.only_changes = not channel.facts and bool(getattr(decoder, "only_changes", False))
 
+    def is_on(self, connection: Connection) -> bool:
+        """Whether a connection is of the channel's topic, of whatever type."""
+        # Recorders write topics with or without leading slash.
+        return connection.topic.lstrip("/") == self.channel.topic.lstrip("/")
+
     def accepts(self, connection: Connection) -> bool:
         """Whether the messages of a connection are for this channel."""
         channel = self.channel
-        # Recorders write topics with or without leading slash.
-        if connection.topic.lstrip("/") != channel.topic.lstrip("/"):
+        if not self.is_on(connection):
             return False
         # `tf/tfMessage` is the type of tf before tf2, with the same fields.
         allowed = (self._type,) if self._type else _POSE_TYPES.get(channel.poses, ())
@@ -643,18 +651,27 @@ class _Intake:
                 len(self.undecodable),
                 f"messages do not fit their definition; the first: {self.undecodable[0]}",
             )
+        if strange := [*self.untyped, *self.foreign]:
+            words = f"messages of {', '.join(repr(one) for one in strange[:3])} cannot be read"
+            builder.defect("unreadable_messages", topic, len(strange), words)
         self._settle_signals(builder, origin_ns)
         lost = (
             self.unknown.lost
             + len(self.undecodable)
-            + len(self.untyped)
+            + len(strange)
             + self._settle_items(builder, origin_ns, wanted)
         )
         # With a lost message, silence of the topic no longer means that nothing happened.
         if self._types and not lost:
             builder.witnessed.update(self.channel.witnesses)
         elif lost:
-            builder.doubt(self._watched, topic)
+            builder.doubt(self._events_told, topic)
+
+    @property
+    def _events_told(self) -> set[str]:
+        """The kinds of events that it tells: what it witnesses, what it is, what was watched for on it."""
+        named = () if self.channel.event is None else (self.channel.event.kind,)
+        return {*self._watched, *named, *self.channel.witnesses} - {"submissions", "bodies"}
 
     @property
     def recorded(self) -> bool:
