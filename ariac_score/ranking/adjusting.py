@@ -42,7 +42,6 @@ from ariac_score.results.adjustments import (
     priced_with,
 )
 from ariac_score.results.cohort_file import Cohort
-from ariac_score.results.doubt import why_withheld
 from ariac_score.results.result import Result
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.scoring.cohort import CohortValues
@@ -216,25 +215,24 @@ def _changed(
         with suppress(FormulaError):
             result = reprice(result, rule_set, values)
     check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
-    # Whatever was recorded of it, such a run counts nothing of that until stewards give it a score.
-    has_none = run.outcome not in (*WITH_SCORE, "undecided") and not any(one.settles for one in own)
+    has_none = "" if any(one.settles for one in own) else _has_no_score(run, own, context)
     for decision in own if has_none else ():
         if decision.points is not None:
-            raise decision.refuse(
-                f"the run is {run.outcome.replace('_', ' ')}, so there is no score to add points to",
-                "set its score",
-            )
+            raise decision.refuse(f"there is no score to add points to: {has_none}", "set its score")
     adjusted = apply(result, own, rule_set, sha256=context.sha256)
+    if has_none:
+        adjusted = replace(adjusted, score=None, ledger=None)
     decided = replace(result, adjusted=adjusted)
     terms = run.terms
-    if terms:
+    if not has_none:
         with suppress(FormulaError):
             terms = terms_of(decided, context.spec, rule_set)
-    ends = _ends(run, decided, alone=values is None)
+    outcome = _outcome(run, adjusted)
+    ends = None if outcome in AS_ZERO else _ends(decided, context)
     return replace(
         run,
-        outcome=_outcome(run, adjusted),
-        cause=_cause(run, decided, ends),
+        outcome=outcome,
+        cause=_cause(decided, has_none if outcome == "undecided" else "", ends),
         score=run.score if has_none else adjusted.score,
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),
@@ -245,23 +243,48 @@ def _changed(
     )
 
 
-def _ends(run: RunOutcome, decided: Result, *, alone: bool) -> Ends | None:
+def _has_no_score(run: RunOutcome, own: Sequence[Adjustment], context: _Context) -> str:
+    """Why a run has no score of its own after the decisions about it; empty where it has one.
+
+    Whatever was recorded of one that crashed counts for nothing. An undecided one has a score as soon as all
+    that withheld it is decided, whatever other runs of the team did.
+    """
+    result, rule_set, cohort = run.result, context.rule_set, context.cohort
+    if run.outcome in WITH_SCORE or result is None:
+        return ""
+    if run.outcome != "undecided":
+        return f"the run is {run.outcome.replace('_', ' ')}"
+    try:
+        if cohort is not None:
+            result = reprice(result, rule_set, cohort.of_trial(run.trial))
+        priced = priced_with(result, with_verdicts(result.measured.findings, own), rule_set)
+    except FormulaError:
+        return ""  # which is said where it is priced with others
+    lacks_task = rule_set.sheet.task is not None and priced.task is None
+    # What a team brings to values across teams cannot be open.
+    is_open = cohort is not None and priced.interval is not None
+    if priced.status != "incomplete" and not lacks_task and not is_open:
+        return ""
+    narrowing = priced.interval.narrowing if priced.interval else ()
+    return priced.missing or (narrowing[0].cause if narrowing else run.cause)
+
+
+def _ends(decided: Result, context: _Context) -> Ends | None:
     """Between what the score of a run lies after the decisions about it."""
     assert decided.adjusted is not None  # by them
-    # As in the ranking: what others make of a score that its own log withholds is not followed.
-    is_withheld = decided.adjusted.score is None and run.outcome not in WITH_SCORE
-    if run.outcome in AS_ZERO or (is_withheld and not alone):
-        return None
+    if decided.adjusted.score is None and context.cohort is not None:
+        return None  # what other teams make of a score that is withheld is not followed
     left = interval_that_counts(decided)
     return None if left is None else Ends(left.least, left.most)
 
 
-def _cause(run: RunOutcome, decided: Result, ends: Ends | None) -> str:
-    """What stewards decided, and what is still unknown of other runs of the team."""
+def _cause(decided: Result, lacking: str, ends: Ends | None) -> str:
+    """What stewards decided, and what is still unknown of the run or of others of the team."""
     assert decided.adjusted is not None  # by them
     cause = _because(decided.adjusted)
-    if decided.adjusted.score is None and run.outcome in WITH_SCORE:
-        return f"{cause}; {why_withheld(decided)}"
+    if decided.adjusted.score is None:
+        lacking = lacking or decided.missing
+        return f"{cause}; {lacking}" if lacking else cause
     return with_lost(cause, decided.cohort, ends)
 
 
@@ -270,11 +293,8 @@ def _outcome(run: RunOutcome, adjusted: Adjusted) -> str:
         return "disqualified"
     if adjusted.score is None and run.outcome in WITH_SCORE:  # another run withholds it
         return "undecided"
-    # A run without a score of its own that stewards give one counts as any scored run. An undecided one has a
-    # score as soon as all that withheld it is decided.
-    given = any(a.score is not None for a in adjusted.adjustments)
-    decided = adjusted.score is not None and (run.outcome == "undecided" or given)
-    return "scored" if decided and run.outcome not in WITH_SCORE else run.outcome
+    # A run without a score of its own that stewards give one counts as any scored run.
+    return "scored" if adjusted.score is not None and run.outcome not in WITH_SCORE else run.outcome
 
 
 def _task(run: RunOutcome, result: Result, adjusted: Adjusted, rule_set: RuleSet) -> Decimal | None:

@@ -13,6 +13,7 @@ drove by crashing or by not making the run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_HALF_EVEN, Decimal
 from math import isfinite
@@ -552,7 +553,8 @@ def _together(others: Sequence[CohortValues]) -> CohortValues:
 
 def _says_what_it_did(run: RunOutcome) -> bool:
     """Whether what a run did is known, whatever it counts."""
-    ended = run.outcome in AS_ZERO and run.result is not None and run.result.status == "scored"
+    result = run.result
+    ended = run.outcome in AS_ZERO and result is not None and result.status in ("scored", "needs_cohort")
     return run.outcome in WITH_SCORE or ended
 
 
@@ -576,8 +578,10 @@ def priced_beside(
     values = values_beside(run.trial, cohort, others)
     if values is None:
         return run
+    if run.outcome == "undecided" and run.result is not None and cohort is None:
+        return _undecided_beside(run, rule_set, values)
     if run.result is None or run.outcome in (*AS_ZERO, "undecided", "no_value"):
-        # What other teams and runs make of a score that is withheld is not followed, so its ends are unknown.
+        # What other teams make of a score that is withheld is not followed, so its ends are unknown.
         return replace(run, open=None)
     try:
         result = reprice(run.result, rule_set, values)
@@ -592,6 +596,16 @@ def priced_beside(
     outcome = "undecided" if ends or values.beyond else "no_value"
     cause = why_withheld(result)
     return replace(run, outcome=outcome, cause=cause, score=None, result=result, kept=False, open=ends)
+
+
+def _undecided_beside(run: RunOutcome, rule_set: RuleSet, others: CohortValues) -> RunOutcome:
+    """A run that is undecided by itself, with what other runs of its team leave of it."""
+    assert run.result is not None  # who asks knows
+    with suppress(FormulaError):
+        result = reprice(run.result, rule_set, others)
+        if result.score is None:
+            return replace(run, result=result, open=_ends(result))
+    return replace(run, open=None)
 
 
 def with_lost(cause: str, values: CohortValues, ends: Ends | None) -> str:

@@ -259,7 +259,12 @@ def adjusted_ledger(
     if automatic is not None:
         lines.append(Line("score/automatic", "automatic score", "amount", automatic, float(automatic)))
     for number, adjustment in enumerate(ordered, start=1):
-        after = _after(running, adjustment, ordered[:number], findings, price, digits, lacking)
+        # Only when all verdicts are decided it matters that something they open is withheld.
+        is_last = not any(later.verdict for later in ordered[number:])
+        had_one = is_last and automatic is not None
+        after = _after(
+            running, adjustment, ordered[:number], findings, price, digits, lacking, had_one=had_one
+        )
         # A first score counts as moved from 0; the line says that there was none before.
         moved = (after or Decimal(0)) - (running or Decimal(0))
         lines.append(_line(adjustment, number, moved, nothing_before=running is None))
@@ -279,6 +284,8 @@ def _after(
     price: Callable[[Mapping[str, Finding]], Priced],
     digits: int,
     lacking: str,
+    *,
+    had_one: bool,
 ) -> Decimal | None:
     unit = Decimal(1).scaleb(-digits)  # decisions are written `-1`, amounts of a ledger `-1.000000`
     if adjustment.dismissed:
@@ -298,9 +305,10 @@ def _after(
         raise adjustment.refuse(
             f"the rules have no value for it: {error.cause}", "decide on points of the trial instead"
         ) from error
-    if priced.ledger is None and running is not None:
+    if priced.ledger is None and had_one:
+        why = priced.missing or "what it opens is withheld until it is decided"
         raise adjustment.refuse(
-            f"with {adjustment.finding} {_in_words(adjustment.verdict)} there is no score: {priced.missing}",
+            f"with {adjustment.finding} {_in_words(adjustment.verdict)} there is no score: {why}",
             "decide on points of the trial instead, or set the score",
         )
     return None if priced.ledger is None else priced.ledger.amount

@@ -21,7 +21,7 @@ from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.figures import amount_text
 from ariac_score.report.openness import open_sentence
 from ariac_score.report.ranking import ranking_text
-from ariac_score.results.adjustments import Adjustments
+from ariac_score.results.adjustments import Adjustments, adjust, interval_that_counts
 from ariac_score.results.result_file import as_json, load_result, measured_sha256
 from ariac_score.review.verify import verify_result
 from ariac_score.scoring.cohort import CohortValues
@@ -421,12 +421,74 @@ def test_what_the_rules_withhold_counts_in_all_runs_once_it_is_decided(tmp_path:
     assert {outcome for outcome, _, _ in after(found).values()} == {"scored"}
 
 
+@pytest.mark.parametrize("counts", ["worst", "best", "withhold"])
+@pytest.mark.parametrize(
+    "effect",
+    [{"dismissed": True, "complaint": "ours"}, {"finding": "human_contact#1", "verdict": "violated"}],
+    ids=["a complaint that is dismissed", "a verdict against the team"],
+)
+def test_where_teams_are_compared_an_open_run_is_undecided_until_all_of_it_is_decided(
+    tmp_path: Path, effect: dict[str, Any], counts: str
+) -> None:
+    compared = "task: task\ncohort: {mean_task: {of: trial, mean: task}}\n"
+    rules = f"{RULES.replace('score: task', 'score: task + cohort.mean_task')}{compared}open: {counts}\n"
+    found = ranking(tmp_path, ("open", 1, effect), rules=rules, open=[unseen()], seen=[kitting_trial()])
+    assert found.stewarded is not None
+
+    (run,) = (run for run in found.stewarded.ranking.runs if run.team == "open")
+    assert (run.outcome, run.score) == ("undecided", None)
+    assert {run.team: run.outcome for run in found.runs} == {"open": "undecided", "seen": "scored"}
+
+
+@pytest.mark.parametrize("beside", [[kitting_trial()], ["not a log\n"]], ids=["seen", "lost"])
+def test_what_a_result_of_a_ranked_run_is_adjusted_to_is_what_the_ranking_says(
+    tmp_path: Path, beside: list[Trial | str]
+) -> None:
+    rules = f"{RULES}open: withhold\n"
+    team: list[Trial | str] = [unseen(), *beside]
+    found = ranking(tmp_path, ("team", 1, satisfied("separation#2")), rules=rules, team=team)
+    automatic = next(run.result for run in found.runs if run.number == 1)
+    assert automatic is not None
+    assert found.stewarded is not None
+    ranked = next(run for run in found.stewarded.ranking.runs if run.number == 1)
+
+    decision = Adjustment(
+        "d0",
+        "jury",
+        "film",
+        "2026-05-12T14:30:00Z",
+        trial="kit",
+        measured=measured_sha256(automatic),
+        **satisfied("separation#2"),
+    )
+    adjusted, _ = adjust(automatic, Adjustments("d.yaml", "0" * 64, (decision,)), measured=decision.measured)
+    left = interval_that_counts(adjusted)
+    assert adjusted.final == ranked.score
+    assert (None if left is None else Ends(left.least, left.most)) == ranked.open
+
+
+def test_the_order_of_decisions_in_their_file_decides_nothing(tmp_path: Path) -> None:
+    rules = f"{RULES}open: withhold\n"
+    both = [
+        ("team", 1, {"finding": "separation#2", "verdict": "not_applicable"}),
+        ("team", 1, violated("human_contact#1")),
+    ]
+    found = []
+    for name, decisions in (("one", both), ("other", both[::-1])):
+        (tmp_path / name).mkdir()
+        found.append(after(ranking(tmp_path / name, *decisions, rules=rules, team=[unseen()])))
+
+    assert found[0] == found[1]
+
+
 def test_a_score_that_stewards_give_stands_beside_what_is_withheld(tmp_path: Path) -> None:
     rules = f"{RULES}open: withhold\n"
     ruled = ("team", 1, {"score": Decimal(9)})
     found = ranking(tmp_path, ruled, rules=rules, team=[calm(), unseen()])
 
-    assert after(found) == {1: ("scored", 9, None), 2: ("undecided", None, None)}
+    (_, open_) = found.runs
+    assert after(found) == {1: ("scored", 9, None), 2: ("undecided", None, open_.open)}
+    assert open_.open is not None
 
 
 def test_a_run_beside_one_that_is_open_behind_a_gate_is_withheld_with_its_reason(tmp_path: Path) -> None:

@@ -168,7 +168,7 @@ def test_a_crashed_run_has_no_points_to_lose_and_can_be_given_a_score(tmp_path: 
     found, prepared, crashed = crashed_with_a_recording(tmp_path)
     less = structs.replace(crashed, score=None, points=Decimal(-1))
 
-    with pytest.raises(DataFileError, match="the run is crashed, so there is no score"):
+    with pytest.raises(DataFileError, match="no score to add points to: the run is crashed"):
         adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, (less,)))
     after = adjusted_ranking(*prepared, found, Adjustments("a.yaml", "0" * 64, (crashed,))).stewarded
     assert after is not None
