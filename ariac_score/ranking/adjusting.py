@@ -211,11 +211,15 @@ def _changed(
     if result is None:
         return _ruled(run, own, rule_set, context.sha256)
     values = values_beside(run.trial, context.cohort, others)
-    if values is not None:
-        with suppress(FormulaError):
-            result = reprice(result, rule_set, values)
-    check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
     has_none = "" if any(one.settles for one in own) else _has_no_score(run, own, context)
+    if values is not None:
+        try:
+            result = reprice(result, rule_set, values)
+        except FormulaError as error:
+            if not any(one.settles for one in own):
+                run = replace(run, outcome="no_value", score=None, task=None, kept=False)
+                has_none = f"the rules have no value for it: {error.cause}"
+    check_targets([structs.replace(decision, team="", trial="") for decision in own], result, rule_set)
     for decision in own if has_none else ():
         if decision.points is not None:
             raise decision.refuse(f"there is no score to add points to: {has_none}", "set its score")
@@ -232,7 +236,7 @@ def _changed(
     return replace(
         run,
         outcome=outcome,
-        cause=_cause(decided, has_none if outcome == "undecided" else "", ends),
+        cause=_cause(decided, has_none if outcome in ("undecided", "no_value") else "", ends),
         score=run.score if has_none else adjusted.score,
         worst=None,
         decisions=tuple(a.id for a in adjusted.adjustments),

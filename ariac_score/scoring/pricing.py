@@ -192,7 +192,10 @@ def price(
         missing_words = "" if settled.is_bounded else maker.without_bound(settled, scored)
         return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
     if cohort.beyond and not maker.is_zeroed(sheet.scored):
-        ends = ends_around(settled, replaced(settled.worlds, beyond=_beyond(sheet)), digits)
+        try:
+            ends = ends_around(settled, replaced(settled.worlds, beyond=_beyond(sheet)), digits)
+        except FormulaError:
+            ends = None
         if ends is None:
             nothing = f"{cohort.beyond}; nothing bounds what that makes of the score"
             return Priced("incomplete", None, task, possible, assumptions, nothing)
