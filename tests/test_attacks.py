@@ -526,7 +526,7 @@ ATTACKS = (
         under_a_room,
         of_human_at(2),
         "19.891643",
-        "1.425662",
+        "1.584831",
         "a chain of frames is seen when its slowest is",
     ),
     Attack(
@@ -601,7 +601,7 @@ ATTACKS = (
         example,
         another_clock,
         HONEST,
-        "its recorder began at 1700000001.000 s, and the competition at 100.250 s",
+        "nothing in its heartbeats shows that its '/clock' is that of the simulation",
         MANIFEST,
         ATTESTED,
     ),

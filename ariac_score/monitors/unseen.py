@@ -59,6 +59,8 @@ class _Sides:
         until_s: From the beginning of the cell to the sample after, likewise.
         gap_s: From the one sample to the other, likewise.
         open: Whether nothing is known in the cell but these two.
+        beside: Whether it is the instant of a sample, and an interval around that is open.
+        stream: The samples.
     """
 
     before: Places
@@ -67,6 +69,8 @@ class _Sides:
     until_s: FloatArray
     gap_s: FloatArray
     open: BoolArray
+    beside: BoolArray
+    stream: Stream
 
     @classmethod
     def of(cls, stream: Stream, cells: Cells, error_s: float, steps_s: FloatArray | float = 0.0) -> _Sides:
@@ -90,7 +94,9 @@ class _Sides:
             if stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
                 there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
                 since_s[there] = until_s[there] = np.inf
-        return cls(after - 1, after, since_s, until_s, edges[after + 1] - edges[after], is_open)
+        beside = at_sample & (stream.open[after] | stream.open[np.maximum(after - 1, 0)])
+        gap_s = edges[after + 1] - edges[after]
+        return cls(after - 1, after, since_s, until_s, gap_s, is_open, beside, stream)
 
     def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The values before and after each cell; NaN where there is no sample."""
@@ -152,8 +158,13 @@ class Unseen:
             self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
             for one in signal.disbelieved:
                 if one.span.end_s >= self.window.start_s and one.span.start_s <= self.window.end_s:
-                    words = f"the {signal_in_words(signal.name)} jumps at {one.at_s:.3f} s"
-                    self.remarks[f"{words} faster than anything moves, and may be right"] = None
+                    words = f"the {signal_in_words(signal.name)} "
+                    words += (
+                        f"is told in two ways from {one.at_s:.3f} s on, and nothing says which is right"
+                        if one.contested
+                        else f"jumps at {one.at_s:.3f} s faster than anything moves, and may be right"
+                    )
+                    self.remarks[words] = None
                     break
         return self._streams[signal.name]
 
@@ -207,6 +218,12 @@ class Unseen:
         is_open = np.any([one.open for one in sides], axis=0)
         if isinstance(signal, Computed):
             is_open |= self._is_apart(signal, cells)
+            if quantity not in DISTANCES:
+                # A place is known at its sample; how fast the body was there is not, where it follows from
+                # places of which some lie behind an open interval.
+                for one in sides:
+                    if quantity_of(one.stream.signal.name) == "position":
+                        is_open |= one.beside
         total = sum(one.max_speed_m_s for one in motion)
         if quantity in DISTANCES:
             found = self._distance(signal, cells, sides, total)

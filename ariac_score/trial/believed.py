@@ -62,12 +62,25 @@ _TABLE_BITS = 20
 
 def without_contested(
     t: FloatArray, values: FloatArray, contested: Sequence[Span]
-) -> tuple[FloatArray, FloatArray, tuple[Span, ...]]:
-    """The samples outside stretches that are contested, ends included, and the holes that these leave."""
+) -> tuple[FloatArray, FloatArray, tuple[Disbelieved, ...]]:
+    """The samples outside stretches that are contested, ends included, and what was left out for that.
+
+    Each publisher may be right there, so neither what one of them says before nor after bounds it.
+    """
     dropped = np.zeros(len(t), dtype=bool)
     for span in contested:
         dropped |= (t >= span.start_s) & (t <= span.end_s)
-    return t[~dropped], values[~dropped], holes_around(t, dropped)
+    left_out = []
+    for hole in holes_around(t, dropped):
+        rows = dropped & (t >= hole.start_s) & (t <= hole.end_s)
+        ends = _ends_of(values[rows])
+        left_out.append(Disbelieved(hole, float(t[np.argmax(rows)]), 0.0, *ends, contested=True))
+    return t[~dropped], values[~dropped], tuple(left_out)
+
+
+def _ends_of(values: FloatArray) -> tuple[float, float]:
+    """The least and the most of scalars; of positions nothing."""
+    return (float(values.min()), float(values.max())) if values.ndim == 1 else (-np.inf, np.inf)
 
 
 def holes_around(t: FloatArray, dropped: BoolArray) -> tuple[Span, ...]:
@@ -123,7 +136,8 @@ def believed(
                 "left out, and nothing is known there"
             )
             defects.append(LogDefect("replayed_stretch", signal.name, int(again.sum()), message))
-        left_out = replace(signal, disbelieved=_disbelieved(signal, jumped)) if jumped.any() else signal
+        more = _disbelieved(signal, jumped) if jumped.any() else ()
+        left_out = replace(signal, disbelieved=(*signal.disbelieved, *more)) if more else signal
         found[name] = _without(left_out, jumped | again | slow)
     return found, defects
 
@@ -135,9 +149,7 @@ def _disbelieved(signal: Signal, jumped: BoolArray) -> tuple[Disbelieved, ...]:
         first = int(rows[0])
         step = dist(np.atleast_1d(signal.values[first]), np.atleast_1d(signal.values[first - 1]))
         needed = float(step / (signal.t[first] - signal.t[first - 1]))
-        values = signal.values[rows]
-        ends = (float(values.min()), float(values.max())) if values.ndim == 1 else (-np.inf, np.inf)
-        found.append(Disbelieved(span, float(signal.t[first]), needed, *ends))
+        found.append(Disbelieved(span, float(signal.t[first]), needed, *_ends_of(signal.values[rows])))
     return tuple(found)
 
 

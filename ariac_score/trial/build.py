@@ -172,7 +172,7 @@ class TrialBuilder:
             self.defect(kind, name, count, message)
         if len(settled.t):
             t, values, left_out = without_contested(settled.t, settled.values, contested)
-            unknown = tuple(sorted({*holes, *left_out}))
+            unknown = tuple(sorted({*holes, *(one.span for one in left_out)}))
             self.signals[name] = Signal(
                 name,
                 unit,
@@ -183,6 +183,7 @@ class TrialBuilder:
                 constant,
                 stamp_jitter_s,
                 stated_rate_hz=stated_rate_hz,
+                disbelieved=left_out,
             )
 
     def add_series(

@@ -53,7 +53,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Disbelieved:
-    """Samples that were left out, because nothing moves as they say.
+    """Samples that were left out: nothing moves as they say, or two publishers contest each other.
 
     Attributes:
         span: Between the samples around them that are believed, s of trial time.
@@ -61,6 +61,7 @@ class Disbelieved:
         needed: How fast the value would have had to change to get there, its unit per second.
         least: The least that a scalar was by them; of a position minus infinity.
         most: The most, likewise.
+        contested: Whether several publishers tell of it, each another thing.
     """
 
     span: Span
@@ -68,6 +69,7 @@ class Disbelieved:
     needed: float
     least: float = -math.inf
     most: float = math.inf
+    contested: bool = False
 
 
 # eq=False: arrays have no single truth to compare by.
@@ -124,7 +126,8 @@ class Signal(_Recorded):
             is known between their ends, however short they are.
         constant: Whether it holds at all times, as a static transform does: it covers everything.
         stamp_jitter_s: By how much its stamps may be late against each other, s: 0 where senders stamped it.
-        disbelieved: What was left out because nothing moves so fast. What it says may be true all the same.
+        disbelieved: What was left out because nothing moves so fast, or others say otherwise. What it says
+            may be true all the same.
         stated_rate_hz: How often it is published, as its organiser states; 0: nobody says. Who thins out a
             recording evenly makes another interval usual in it.
 

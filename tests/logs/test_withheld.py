@@ -12,17 +12,20 @@ import pytest
 
 from ariac_score.checks.contracts import Decoder, Wanted
 from ariac_score.checks.findings import Verdict
+from ariac_score.checks.open_findings import Worlds
 from ariac_score.errors import LogError
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.testing.bags import Recorded, Storage, write_bag
+from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.events import ARM_COLLISION, COMPETITION_STARTED, WATCHING, Event
+from ariac_score.trial.events import ARM_COLLISION, COMPETITION_ENDED, COMPETITION_STARTED, WATCHING, Event
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 from ariac_score_ariac.messages import NistGear2020
+from ariac_score_standards import Always
 from ariac_score_standards.signal_coverage import SignalCoverage
 from ariac_score_stl.formula import StlFormula
 
@@ -171,6 +174,41 @@ def test_a_publisher_that_is_started_again_is_no_second_one(tmp_path: Path) -> N
     trial = read(tmp_path / "t.bag", given, PLACE)
 
     assert (len(trial.signals["position/human"]), defects(trial)) == (100, {})
+
+
+@pytest.mark.parametrize("apart_m", [0.0, 5.0, 300.0])
+def test_who_contests_another_before_and_after_him_bounds_nothing_in_between(
+    apart_m: float, tmp_path: Path
+) -> None:
+    """The human is 1 m from the robot from 0.2 s to 0.8 s; a ghost says otherwise, for longer."""
+    honest = [m for m in places(publisher="/tracker", y=1.0) if 20 <= (m.t_ns - START_NS) // STEP_NS <= 80]
+    ghost = places(publisher="/ghost", since_ns=3_000_000, y=1.0 + apart_m)
+    still = [replace(m, topic="/robot", fields={**m.fields, "point": {"x": 0.0}}) for m in places()]
+    robot = Channel(
+        "/robot", POINT, signals=(FieldMap("position/robot", "m", ("point.x", "point.y", "point.z")),)
+    )
+    trial = read(tmp_path / "t.bag", [*honest, *ghost, *still], PLACE, robot)
+    trial = replace(
+        trial,
+        events=(Event(0.0, COMPETITION_STARTED), Event(0.98, COMPETITION_ENDED)),
+        between=between_samples({}, {}),
+    )
+    derived = derive_signals(trial, [Derivation("centre_distance", 0.05)])
+    monitor = Always(
+        holds="d >= 2",
+        signals={"d": "centre_distance/{robot}/{human}"},
+        unit="m",
+        max_gap_s=0.05,
+        t_off_s=0.0,
+    )
+
+    (worlds,) = [one for one in monitor.watch_worlds(derived) if isinstance(one, Worlds)]
+    best_s, worst_s = (
+        sum(f.quantities["time_in_violation_s"] for f in world if f.verdict is Verdict.VIOLATED)
+        for world in (worlds.best, worlds.worst)
+    )
+    assert best_s <= (0.98 if apart_m == 0.0 else 0.4)
+    assert worst_s >= 0.6
 
 
 def test_two_publishers_of_one_transform_contradict_each_other(tmp_path: Path) -> None:

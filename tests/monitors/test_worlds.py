@@ -413,7 +413,8 @@ def test_no_drive_within_its_bounds_is_anywhere_but_where_they_say(error_s: floa
             cells = cells_of(window, [signal.t], unseen.streams(signal), 2 * fastest)
             both = unseen.bounds(signal, cells)
             assert both is not None
-            lasting = cells.end - cells.t > 1e-6  # at its instant a sample stands for itself
+            # At its instant the sample of a place stands for itself; how fast it was there is not known.
+            lasting = (cells.end - cells.t > 1e-6) | name.startswith("speed/")
             was = np.interp(cells.t, t, true)
             assert (both[0] <= was + 5e-3)[lasting].all()
             assert (was <= both[1] + 5e-3)[lasting].all()
