@@ -56,6 +56,12 @@ def gaps_in_words(spans: Sequence[Span]) -> str:
     return f"{len(lengths_ms)} gaps of {min(lengths_ms):.0f} to {max(lengths_ms):.0f} ms"
 
 
+def _count(text: str) -> int:
+    """How many gaps a text begins with; 0 where it says no number."""
+    number = text.partition(" ")[0]
+    return int(number) if number.isdecimal() else 0
+
+
 def in_words(causes: Sequence[Cause]) -> str:
     """What several causes of one source say together: one gap may leave several checks open.
 
@@ -65,8 +71,12 @@ def in_words(causes: Sequence[Cause]) -> str:
     >>> one, other = Cause("a gap of 9 ms on /a", "/a", (Span(0, 0.009),)), Cause("a gap of 5 ms on /a", "/a")
     >>> in_words([one, replace(other, spans=(Span(2, 2.005),))]), in_words([one, one])
     ('2 gaps of 5 to 9 ms on /a', 'a gap of 9 ms on /a')
+    >>> in_words([one, Cause("1200 gaps of 5 to 9 ms on /a", "/a", (Span(0, 9),))])  # more than are kept
+    '1200 gaps of 5 to 9 ms on /a'
     """
-    first = max(causes, key=lambda cause: len(cause.spans))
+    # Of one with more gaps than are kept, the stretches are no gaps; its text counts them all.
+    counted = [one for one in causes if 0 < len(one.spans) < _count(one.text)]
+    first = max(counted or causes, key=lambda cause: (_count(cause.text), len(cause.spans)))
     here = gaps_in_words(first.spans) if first.spans else ""
     if not here or not first.text.startswith(here) or len(first.spans) >= MOST_SPANS:
         return first.text
