@@ -651,7 +651,8 @@ class _Intake:
                 len(self.undecodable),
                 f"messages do not fit their definition; the first: {self.undecodable[0]}",
             )
-        if strange := [*self.untyped, *self.foreign]:
+        strange = [*self.untyped, *self.foreign]
+        if strange and self.received:  # where nothing was, the topic is told to be missing
             words = f"messages of {', '.join(repr(one) for one in strange[:3])} cannot be read"
             builder.defect("unreadable_messages", topic, len(strange), words)
         self._settle_signals(builder, origin_ns)
