@@ -19,6 +19,7 @@ from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+from ariac_score.trial.work import Submission
 from ariac_score_ariac.safety import HumanContact
 from ariac_score_standards import Always, PflContact, SpaceLimit, SsmSeparation
 
@@ -626,3 +627,18 @@ def test_without_bounds_a_speed_that_no_sample_shows_is_missing() -> None:
     given = replace(standing(1.0, rate_hz=10.0, later_s=0.0), between=None)
 
     assert "speed/arm" not in derive_signals(given, [Derivation("speed", 0.05)]).signals
+
+
+@pytest.mark.parametrize(("handed_in_s", "is_certain"), [(None, False), (2.0, False), (3.5, True)])
+def test_what_may_have_been_after_an_end_that_nobody_states_is_not_certain(
+    handed_in_s: float | None, is_certain: bool
+) -> None:
+    """Too near from 1 s to 3 s of a recording of 4 s; nobody knows how long the competition went on."""
+    near_m = {round(0.01 * k, 9): (0.5 if 100 <= k <= 300 else 3.0) for k in range(401)}
+    given = trial(near_m, ended=False)
+    work = () if handed_in_s is None else (Submission("kit", handed_in_s),)
+    given = replace(given, submissions=work, window_open="the log does not show the end")
+    _, (worlds,) = found(NEARER_THAN_1_M, given)
+
+    assert any(one.verdict is Verdict.VIOLATED for one in worlds.best) is is_certain
+    assert any(one.verdict is Verdict.VIOLATED for one in worlds.worst)
