@@ -193,8 +193,9 @@ def _scanned(path: Path) -> _Found:
             continue
         found.declared[topic][connection] = None
         if topic == CLOCK_TOPIC and connection.type == CLOCK_TYPE:
-            decode = decoders.get(connection) or decoders.setdefault(connection, _decoder(connection, path))
+            # One that cannot be read is read by nobody else either, and is no reason to refuse the log.
             with suppress(UnknownTypeError, AttributeError, TypeError, ValueError):
+                decode = decoders.get(connection) or decoders.setdefault(connection, decoder_for(connection))
                 clock = decode(message.payload).clock  # type: ignore[attr-defined]  # rosbags makes the class
                 found.clock.append((message.stamp_ns, int(clock.sec) * 10**9 + int(clock.nanosec)))
         digest, node = digest_of(message.payload), connection.publisher

@@ -635,6 +635,17 @@ def test_a_clock_that_the_heartbeats_do_not_tell_was_put_in(
     assert bool(problem) is not is_attested
 
 
+def test_a_clock_that_nobody_can_read_is_no_reason_to_refuse_a_log(tmp_path: Path, signing: Signing) -> None:
+    tick = Recorded("/clock", "rosgraph_msgs/msg/Clock", 3 * 10**9, {"clock": {"sec": 9, "nanosec": 0}})
+    log = write_bag(tmp_path / "run.mcap", in_order(*attested(events(), signing[1]), tick), storage="mcap")
+
+    def broken(topic: str, text: bytes, data: bytes) -> Iterable[tuple[str, bytes, bytes, int]]:
+        yield topic, b"garbage !!" if topic == "/clock" else text, data, 0
+
+    assert attestation_of(log, 0).problem.startswith("its '/clock' says otherwise")
+    assert score_trial(rewritten(log, broken), rules_in(tmp_path)).score == HONEST
+
+
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 EMPTY_HASH = "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312"
 """The type hashes that ROS 2 publishes for `std_msgs/msg/String` and `std_msgs/msg/Empty`."""
