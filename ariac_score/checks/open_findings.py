@@ -49,11 +49,12 @@ def gaps_in_words(spans: Sequence[Span]) -> str:
 
     >>> gaps_in_words([Span(1.0, 1.051), Span(2.0, 2.097)])
     '2 gaps of 51 to 97 ms'
+    >>> gaps_in_words([Span(1.0, 1.02), Span(2.0, 2.0201)])
+    '2 gaps of 20 ms'
     """
-    lengths_ms = [1000.0 * span.duration_s for span in spans]
-    if len(lengths_ms) == 1:
-        return f"a gap of {lengths_ms[0]:.0f} ms"
-    return f"{len(lengths_ms)} gaps of {min(lengths_ms):.0f} to {max(lengths_ms):.0f} ms"
+    lengths_ms = [f"{1000.0 * lasts_s:.0f}" for lasts_s in sorted(span.duration_s for span in spans)]
+    lengths = " to ".join(dict.fromkeys((lengths_ms[0], lengths_ms[-1])))
+    return f"{'a gap' if len(spans) == 1 else f'{len(spans)} gaps'} of {lengths} ms"
 
 
 def _count(text: str) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
@@ -12,6 +12,7 @@ from msgspec import structs
 
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.report.figures import amount_text
+from ariac_score.report.often import told_once
 from ariac_score.report.openness import (
     adjusted_sentence,
     bounds_text,
@@ -36,6 +37,7 @@ from ariac_score.scoring.steward import Adjusted
 from ariac_score.terminal.style import Style, plain
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.signals import Sample
+from ariac_score.trial.spans import Span
 
 __all__ = ["amount_text", "explain_text", "score_text"]
 
@@ -188,7 +190,10 @@ def _ledger_lines(
     lines: Sequence[Line], style: Style, places: Places, *, depth: int, deepest: int
 ) -> Iterator[str]:
     # Single findings are listed below with their cause; here they would bury the amounts.
-    for line in lines:
+    for line, *more in told_once(lines, _says):
+        if more:
+            yield _ledger_line(_in_all((line, *more)), style, depth)
+            continue
         if line.kind == "neutral" or line.path.endswith("/neutral"):
             continue  # 'explain' shows what changed nothing
         if line.kind == "factor" and line.value == 1 and not line.amount:
@@ -200,6 +205,29 @@ def _ledger_lines(
             inner = tuple(child for child in inner if child.kind == "factor")
         if depth < deepest and inner:
             yield from _ledger_lines(inner, style, places, depth=depth + 1, deepest=deepest)
+
+
+def _says(line: Line) -> Hashable:
+    """What a line says of its findings, but for which they are."""
+    if line.kind != "taken" or len(line.findings) != 1:
+        return line.path
+    return (
+        line.findings[0].rpartition("#")[0],
+        line.subject,
+        line.label,
+        line.amount,
+        line.nominal,
+        line.reason,
+    )
+
+
+def _in_all(lines: Sequence[Line]) -> Line:
+    """Lines that say the same of one finding each, as one."""
+    findings = tuple(key for line in lines for key in line.findings)
+    amount = sum((line.amount for line in lines), Decimal())
+    check = findings[0].rpartition("#")[0] if findings else ""
+    label = f"{check} {len(lines)} times: {lines[0].label}"
+    return structs.replace(lines[0], amount=amount, nominal=None, findings=findings, label=label)
 
 
 def _spoken(line: Line, places: Places) -> str:
@@ -263,13 +291,35 @@ def _losses(result: Result, style: Style) -> Iterator[str]:
     if found:
         yield style("What cost points", "bold")
         places = Places(result)
-        timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, item[0]))
-        for key, finding in timed[: 2 * _SHOWN]:
+        timed = sorted(found, key=lambda item: (item[1].span is None, item[1].subject, _in_order(item[0])))
+        rows = told_once(timed, lambda item: _same(item[1], costs.get(item[0], "")))
+        for row in rows[: 2 * _SHOWN]:
+            (key, finding), number = row[0], len(row)
             cost = costs.get(key) or (f" (it earned {amount_text(earned[key])})" if earned.get(key) else "")
+            if number > 1:
+                finding = replace(finding, span=_from_first_to_last([one for _, one in row]))
+                key, cost = f"{finding.check} {number} times", f"{cost[:-1]} each)" if cost else ""
             look = "red" if finding.verdict is Verdict.VIOLATED else "dim"
             where = _where(finding, places.of(finding.subject))
             yield f"  {style(f'{key:<24}', look)} {where}{plain(finding.message)}{cost}"
-        yield from _more(len(timed) - 2 * _SHOWN, style)
+        yield from _more(len(rows) - 2 * _SHOWN, style)
+
+
+def _in_order(key: str) -> tuple[str, int]:
+    """Sorts `separation#2` before `separation#10`."""
+    name = key.rstrip("0123456789")
+    return name, int(key[len(name) :] or 0)
+
+
+def _same(finding: Finding, cost: str) -> Hashable:
+    """What findings that differ in their moment alone have in common."""
+    lasts_s = id(finding) if finding.span is None else finding.span.duration_s
+    return finding.check, finding.subject, finding.verdict, finding.message, cost, lasts_s
+
+
+def _from_first_to_last(findings: Sequence[Finding]) -> Span:
+    spans = [one.span for one in findings if one.span is not None]
+    return Span(min(one.start_s for one in spans), max(one.end_s for one in spans))
 
 
 def _costs(result: Result) -> dict[str, str]:

@@ -16,17 +16,19 @@ from xml.etree.ElementTree import fromstring
 
 import pytest
 
-from ariac_score import Result, as_json
+from ariac_score import Result, as_json, score_trial
 from ariac_score.checks.findings import Verdict
 from ariac_score.checks.open_findings import OpenFindings
 from ariac_score.report.exports import exported
 from ariac_score.report.html.trial import trial_page
+from ariac_score.report.often import told_once
 from ariac_score.report.openness import undecided_text
 from ariac_score.report.text import score_text
 from ariac_score.results.result import Setting, Settings
 from ariac_score.scoring.interval import Narrowing, ScoreInterval
 from ariac_score.scoring.policy import Assumption
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PAGES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "pages.py")))
 GAPS = "12 gaps of 51 to 97 ms on /snapshot"
 NARROWING = (
@@ -149,6 +151,35 @@ def test_how_fast_bodies_are_taken_to_be_stands_below_what_would_narrow_a_score(
     assert f"\n  between samples: {said}\n" in score_text(opened(replace(closed, measured=measured)))
     nothing_filled = replace(closed, measured=replace(measured, open=()))
     assert "between samples" not in score_text(opened(nothing_filled))
+
+
+def test_violations_that_differ_in_their_moment_alone_are_told_once_with_what_they_cost_in_all(
+    tmp_path: Path,
+) -> None:
+    """A pause lasts a second: in the 7.84 s in which a violation may have been, seven more have room."""
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        "extends: paper2020.published\nid: own\ntitle: Own\nsource: a test\nbetween_samples: bounded\n"
+        "bounds:\n"
+        "  human: {max_speed_m_s: 1.6, source: a test}\n"
+        "  robot: {max_speed_m_s: 1.0, source: a test}\n",
+        encoding="utf-8",
+    )
+    result = score_trial(EXAMPLES / "kitting_near_miss.mcap", own)
+    text = score_text(result)
+
+    assert len([key for key in result.measured.in_all_worlds if key.startswith("separation#worst")]) == 8
+    assert text.count("may have ended and begun again") == 1
+    (row,) = re.findall(r"^ +separation 7 times: .* (-[\d.]+)$", text, re.MULTILINE)
+    (each,) = re.findall(
+        r"^  separation 7 times +.* 16.08 s to 22.08 s: .* \((-[\d.]+) each\)$", text, re.MULTILINE
+    )
+    assert Decimal(row) == 7 * Decimal(each)
+
+
+def test_two_violations_that_say_the_same_are_told_one_by_one() -> None:
+    assert told_once(["a1", "b1", "a2"], lambda row: row[0]) == [["a1"], ["b1"], ["a2"]]
+    assert told_once(["a1", "b1", "a2", "a3"], lambda row: row[0]) == [["a1", "a2", "a3"], ["b1"]]
 
 
 def test_every_export_has_both_ends_beside_the_one_that_counts(closed: Result) -> None:
