@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from ariac_score.installed.system import await_session
+
 REPOSITORY = Path(__file__).parents[2]
 HERE = Path(__file__).parent
 PYTHON = "/usr/bin/python3"
@@ -138,6 +140,12 @@ class RobotOs:
             return process.wait(limit_s)
         except subprocess.TimeoutExpired:
             pytest.fail(f"not done after {limit_s} s: {process.args}\n{self.said(process)}")
+
+    def close(self, bag: subprocess.Popen[bytes], limit_s: float = 20.0) -> None:
+        """Ctrl-C for `rosbag record`, which ends before the program that it started has closed the bag."""
+        send(bag, signal.SIGINT)
+        if not await_session(bag, limit_s):
+            pytest.fail(f"not closed after {limit_s} s: {bag.args}\n{self.said(bag)}")
 
     def run(self, *command: str, limit_s: float = 10.0) -> str:
         """What a short command says; it must succeed."""

@@ -262,8 +262,7 @@ def test_what_a_killed_recorder_left_contains_what_another_one_recorded(ros: Rob
         time.sleep(0.05)
     send(killed, signal.SIGKILL)
     assert ros.wait(cell, 30.0) == 0, ros.said(cell)
-    send(whole, signal.SIGINT)
-    ros.wait(whole, 20.0)
+    ros.close(whole)
 
     def score(name: str) -> Result:
         given = [tmp_path / "trial.yaml"]
@@ -286,8 +285,7 @@ def test_a_violation_that_outlasts_the_competition_counts_for_as_long_as_that_ma
     cell = ros.python(HERE / "cell", "lasting")  # it waits for both
     assert ros.wait(cell, 30.0) == 0, ros.said(cell)
     for recorder in (bag, listener):
-        send(recorder, signal.SIGINT)
-        ros.wait(recorder, 20.0)
+        ros.close(recorder)
     said = dict(line.split() for line in ros.said(cell).splitlines() if line[:3] in ("go ", "don"))
     lasted_s = float(said["done"]) - float(said["go"])
     rules = tmp_path / "walk.yaml"
