@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ariac_score.ranking.claims import told_apart
 from ariac_score.ranking.exact import Claim
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.resampling import student_quantile
 from ariac_score.ranking.spec import Spec
 

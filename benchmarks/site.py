@@ -31,7 +31,7 @@ import numpy as np
 
 from ariac_score import Finding, Verdict, load_rule_set, score_trial
 from ariac_score.engine.price import reprice
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Intervals, Spec
 from ariac_score.ranking.statistics import rank_statistics
 from ariac_score.results.result import Result

@@ -23,8 +23,9 @@ from ariac_score.ranking.compare import differences
 from ariac_score.ranking.competition import Competition, RunKey, load_competition, signed_for, signers_of
 from ariac_score.ranking.design import designs
 from ariac_score.ranking.evaluation import Evaluation, evaluation_program, strict_evaluation
+from ariac_score.ranking.outcomes import Ranking
 from ariac_score.ranking.publication import StoredResult, ranking_json
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.resampling import sampled
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import Spec, ranking_spec

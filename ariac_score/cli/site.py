@@ -20,8 +20,9 @@ from ariac_score.cli.rank import (
 from ariac_score.errors import RuleSetError, ScoreError, UsageError
 from ariac_score.ranking.compare import differences
 from ariac_score.ranking.competition import Competition, RunKey, load_competition, registry_for, signers_of
+from ariac_score.ranking.outcomes import Ranking
 from ariac_score.ranking.publication import Publication, load_publication, ranking_json
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.ranking.statistics import rank_statistics

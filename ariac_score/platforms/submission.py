@@ -29,7 +29,8 @@ from ariac_score.platforms.archives import SMALL, ArchiveLimits, is_archive, unp
 from ariac_score.platforms.neutral import STATUS, Metrics, PlatformScores
 from ariac_score.ranking.competition import Competition, Team, TrialPlan
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
+from ariac_score.ranking.outcomes import Ranking, RunOutcome
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.codec import Format, as_text
 from ariac_score.results.result import Pinned, Result

@@ -17,22 +17,18 @@ from msgspec import structs
 from ariac_score.checks.findings import Finding
 from ariac_score.engine.price import reprice
 from ariac_score.errors import DataFileError, FormulaError, did_you_mean
-from ariac_score.ranking.competition import Competition, RunKey
-from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import (
-    AS_ZERO,
-    WITH_SCORE,
-    Ranking,
-    RunOutcome,
-    Stewarded,
+from ariac_score.ranking.beside import (
     others_of,
     priced_beside,
-    rank_again,
     terms_of,
     values_beside,
     with_lost,
     without_others,
 )
+from ariac_score.ranking.competition import Competition, RunKey
+from ariac_score.ranking.open_scores import Ends
+from ariac_score.ranking.outcomes import AS_ZERO, WITH_SCORE, Ranking, RunOutcome, Stewarded
+from ariac_score.ranking.rank import rank_again
 from ariac_score.ranking.spec import Spec
 from ariac_score.results.adjustments import (
     Adjustments,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.outcomes import RunOutcome, TeamRank
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import RunOutcome, TeamRank
 from ariac_score.results.codec import plain
 from ariac_score.results.result import Pinned
 

@@ -18,7 +18,7 @@ from fractions import Fraction
 from itertools import permutations
 
 from ariac_score.ranking.exact import Claim, draws_for, holm, run_permutation, sign_flip
-from ariac_score.ranking.rank import AS_ZERO, WITH_SCORE, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import AS_ZERO, WITH_SCORE, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.spec import Spec
 
 __all__ = ["MOST_DEALT", "Told", "ends_of", "told_apart"]

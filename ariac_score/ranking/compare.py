@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ariac_score.ranking.evaluation import Evaluation
-from ariac_score.ranking.rank import Ranking
+from ariac_score.ranking.outcomes import Ranking
 
 __all__ = ["RankingDifference", "differences"]
 

@@ -17,7 +17,7 @@ from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.evaluation import Entry, Evaluation, PlannedItem, Stop
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
+from ariac_score.ranking.outcomes import Outcome, Ranking, RunOutcome, Stewarded, TeamRank, final_ranking
 from ariac_score.ranking.spec import COUNT_BACK, Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.ranking.totals import SUM, total_named

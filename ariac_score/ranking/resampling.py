@@ -25,7 +25,9 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome, cell_digits, is_scored, merit
+from ariac_score.ranking.beside import merit
+from ariac_score.ranking.outcomes import WITH_SCORE, Ranking, RunOutcome
+from ariac_score.ranking.rank import cell_digits, is_scored
 from ariac_score.ranking.spec import COUNT_BACK, FloatArray, IntArray, Spec, places
 from ariac_score.ranking.totals import SUM
 

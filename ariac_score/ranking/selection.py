@@ -18,10 +18,12 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from fractions import Fraction
 
+from ariac_score.ranking.beside import merit
 from ariac_score.ranking.claims import ends_of
 from ariac_score.ranking.exact import expected_kept
 from ariac_score.ranking.open_scores import MONOTONE_TOTALS, Ends
-from ariac_score.ranking.rank import Ranking, RunOutcome, TeamRank, cell_digits, merit
+from ariac_score.ranking.outcomes import Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.rank import cell_digits
 from ariac_score.ranking.spec import Spec
 
 __all__ = ["WHAT_CHOOSING_DOES", "Selection", "selections"]

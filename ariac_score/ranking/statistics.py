@@ -18,7 +18,7 @@ import numpy as np
 from ariac_score.errors import FormulaError
 from ariac_score.ranking.claims import MOST_DEALT, Told, told_apart
 from ariac_score.ranking.exact import Claim, fewest_trials, rank_sets
-from ariac_score.ranking.rank import Ranking
+from ariac_score.ranking.outcomes import Ranking
 from ariac_score.ranking.resampling import Draws, Sampled, draw, sampled, widening
 from ariac_score.ranking.selection import Selection, selections
 from ariac_score.ranking.spec import FloatArray, IntArray, Intervals, Spec, places

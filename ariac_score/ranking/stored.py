@@ -10,8 +10,8 @@ from pathlib import Path
 from ariac_score.documents.plain_file import read_plain
 from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.outcomes import WITH_SCORE, Ranking, RunOutcome
 from ariac_score.ranking.publication import Publication, StoredResult
-from ariac_score.ranking.rank import WITH_SCORE, Ranking, RunOutcome
 from ariac_score.results.codec import MAX_BYTES
 from ariac_score.results.result import Pinned, Result
 from ariac_score.results.result_file import as_json, load_result

@@ -11,7 +11,8 @@ from typing import Literal, get_args
 from ariac_score.errors import PluginError, ScoreError, UsageError, did_you_mean
 from ariac_score.logs.containers.items import Message
 from ariac_score.ranking.competition import Competition, Run, Team, TrialPlan
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.outcomes import Ranking
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.redteam.attempt import Aim, Attempt, Tactic
 from ariac_score.redteam.honest import Harm, Honest, harm_of, is_covered

@@ -11,7 +11,8 @@ from ariac_score.ranking.compare import RankingDifference
 from ariac_score.ranking.design import MOST_TRIALS, POWER, Design
 from ariac_score.ranking.evaluation import Evaluation
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking, remarks_on_team
+from ariac_score.ranking.outcomes import OUTCOMES, Ranking, RunOutcome, TeamRank, final_ranking
+from ariac_score.ranking.rank import remarks_on_team
 from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Statistics
 from ariac_score.report.openness import would_narrow

@@ -13,8 +13,8 @@ from decimal import Decimal
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.errors import ScoreError
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.outcomes import WITH_SCORE, Cell, RunOutcome, TeamRank
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import WITH_SCORE, Cell, RunOutcome, TeamRank
 from ariac_score.ranking.violations import Clause, clause_of
 from ariac_score.results.doubt import counted
 from ariac_score.results.result import Result

@@ -28,7 +28,8 @@ from ariac_score.errors import (
     ScoreError,
 )
 from ariac_score.ranking.competition import Competition, RunKey, work_by_of
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.outcomes import Ranking
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.results.doubt import left_open
 from ariac_score.results.result import Measured, Result

@@ -15,8 +15,9 @@ from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.compare import differences as from_organisers
 from ariac_score.ranking.competition import Competition, RunKey, load_competition, signed_for, signers_of
 from ariac_score.ranking.evaluation import Evaluation, strict_evaluation
+from ariac_score.ranking.outcomes import TeamRank
 from ariac_score.ranking.publication import PUBLICATION, Publication, load_publication, ranking_json
-from ariac_score.ranking.rank import TeamRank, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.ranking.statistics import rank_statistics

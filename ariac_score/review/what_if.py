@@ -19,7 +19,8 @@ from ariac_score.checks.registry import Registry
 from ariac_score.engine.price import reprice
 from ariac_score.errors import FormulaError, PluginError, RuleSetError, ScoreError, did_you_mean
 from ariac_score.ranking.competition import Competition, RunKey
-from ariac_score.ranking.rank import Ranking, RunOutcome, rank_results
+from ariac_score.ranking.outcomes import Ranking, RunOutcome
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.results.result import CheckUse, Result
 from ariac_score.review.conduct import Weighing, parts_of_team

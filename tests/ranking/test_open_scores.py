@@ -18,8 +18,9 @@ from ariac_score import load_result, load_rule_set
 from ariac_score.cli import main
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.open_scores import Ends, Slots, cell_ends, rank_ends, worst_ends
+from ariac_score.ranking.outcomes import Ranking, TeamRank
 from ariac_score.ranking.publication import PUBLICATION, ranking_json
-from ariac_score.ranking.rank import Ranking, TeamRank, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_csv, ranking_text
 from ariac_score.scoring.interval import ScoreInterval

@@ -15,7 +15,8 @@ from ariac_score.errors import DataFileError, FormulaError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.outcomes import Ranking
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.figures import amount_text

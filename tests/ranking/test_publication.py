@@ -19,8 +19,9 @@ from ariac_score.errors import DataFileError, ResultError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.changes import changes_between
 from ariac_score.ranking.competition import Competition, load_competition
+from ariac_score.ranking.outcomes import Ranking
 from ariac_score.ranking.publication import load_publication, ranking_json
-from ariac_score.ranking.rank import Ranking, rank_results
+from ariac_score.ranking.rank import rank_results
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import Spec, ranking_spec
 from ariac_score.ranking.stored import write_results

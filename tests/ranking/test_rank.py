@@ -20,7 +20,8 @@ from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.ranking.competition import load_competition
 from ariac_score.ranking.evaluation import strict_evaluation
-from ariac_score.ranking.rank import Cell, Ranking, TeamRank, rank_results, remarks_on_team
+from ariac_score.ranking.outcomes import Cell, Ranking, TeamRank
+from ariac_score.ranking.rank import rank_results, remarks_on_team
 from ariac_score.ranking.runs import score_runs
 from ariac_score.ranking.spec import ranking_spec
 from ariac_score.report.ranking import ranking_text

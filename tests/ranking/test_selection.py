@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ariac_score.ranking.exact import expected_kept
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.selection import Selection, selections
 from ariac_score.ranking.spec import Intervals, Key, Spec
 from ariac_score.ranking.statistics import Statistics

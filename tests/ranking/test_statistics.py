@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ariac_score.ranking.open_scores import Ends
-from ariac_score.ranking.rank import Cell, Ranking, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.resampling import (
     RandomBits,
     draw,

@@ -10,7 +10,7 @@ import pytest
 
 from ariac_score import Result, load_result, load_rule_set, reprice
 from ariac_score.checks.findings import Verdict
-from ariac_score.ranking.rank import Cell, RunOutcome, TeamRank
+from ariac_score.ranking.outcomes import Cell, RunOutcome, TeamRank
 from ariac_score.results.adjustments import apply
 from ariac_score.results.result_file import measured_sha256
 from ariac_score.review.conduct import MOST_BREACHES, Parts, Weighing, conduct_of_run, parts_of_team

@@ -11,8 +11,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.outcomes import RunOutcome
 from ariac_score.ranking.publication import Publication, StoredResult
-from ariac_score.ranking.rank import RunOutcome
 from ariac_score.ranking.stored import read_stored
 from ariac_score.ranking.violations import Clause, verdicts_of
 from ariac_score.report.html.trial import trial_page

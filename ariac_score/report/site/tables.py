@@ -13,8 +13,8 @@ from types import MappingProxyType
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
 from ariac_score.ranking.open_scores import Ends
+from ariac_score.ranking.outcomes import OUTCOMES, Stewarded, TeamRank
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import OUTCOMES, Stewarded, TeamRank
 from ariac_score.ranking.selection import Selection
 from ariac_score.ranking.violations import Tally
 from ariac_score.report.spreadsheet import text_cell

@@ -12,8 +12,9 @@ from typing import ClassVar
 
 from ariac_score.ranking.changes import Changes
 from ariac_score.ranking.competition import RunKey
+from ariac_score.ranking.outcomes import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank
 from ariac_score.ranking.publication import Publication
-from ariac_score.ranking.rank import OUTCOMES, Cell, Ranking, RunOutcome, TeamRank, remarks_on_team
+from ariac_score.ranking.rank import remarks_on_team
 from ariac_score.ranking.selection import WHAT_CHOOSING_DOES
 from ariac_score.ranking.statistics import Pair, Statistics, TeamOdds
 from ariac_score.ranking.violations import Clause, Tally

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ariac_score.ranking.rank import Ranking
+from ariac_score.ranking.outcomes import Ranking
 from ariac_score.report.html.wording import brief, number, round_to
 from ariac_score.review.what_if import Flip, Lever, Place, WhatIf, flips_of
 
