@@ -27,7 +27,8 @@ from ariac_score.errors import CutOffError, LogError, NothingToScoreError
 from ariac_score.logs.containers.items import Batch, Connection, Message, normalised_type
 from ariac_score.logs.gather.clocks import LARGEST_CLOCK_DIFFERENCE_S
 from ariac_score.logs.gather.collected_columns import by_header, clock_key
-from ariac_score.logs.gather.collector import Collector, MessageRoute
+from ariac_score.logs.gather.collector import Collector
+from ariac_score.logs.gather.intake import MessageRoute
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, LogMap
 from ariac_score.trial.clock import SIMULATED_TIME, WALL_CLOCK_TIME, Clock
