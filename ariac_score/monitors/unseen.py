@@ -90,12 +90,17 @@ class _Sides:
         is_open = stream.open[after] & ~(at_sample & (error_s == 0.0))
         since_s = np.where(np.isinf(edges[after]), np.inf, cells.end - earliest[after])
         until_s = np.where(np.isinf(edges[after + 1]), np.inf, latest[after + 1] - cells.t)
-        for one in stream.signal.disbelieved:
-            if stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
-                there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
-                since_s[there] = until_s[there] = np.inf
-        beside = at_sample & (stream.open[after] | stream.open[np.maximum(after - 1, 0)])
         gap_s = edges[after + 1] - edges[after]
+        for one in stream.signal.disbelieved:
+            if one.contested:  # who told the samples around it is one of those who contest each other
+                there = is_open & (edges[after] <= one.span.end_s) & (edges[after + 1] >= one.span.start_s)
+                gap_s[there] = np.inf
+            elif stream.signal.values.ndim > 1:  # somewhere else than it can have been: nothing bounds it
+                there = is_open & (cells.t >= one.span.start_s) & (cells.t < one.span.end_s)
+            else:
+                continue
+            since_s[there] = until_s[there] = np.inf
+        beside = at_sample & (stream.open[after] | stream.open[np.maximum(after - 1, 0)])
         return cls(after - 1, after, since_s, until_s, gap_s, is_open, beside, stream)
 
     def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ import numpy as np
 from ariac_score.trial.denied import denied
 from ariac_score.trial.model import Body, LogDefect
 from ariac_score.trial.signals import Disbelieved, Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
 
 __all__ = [
@@ -70,12 +70,17 @@ def without_contested(
     dropped = np.zeros(len(t), dtype=bool)
     for span in contested:
         dropped |= (t >= span.start_s) & (t <= span.end_s)
-    left_out = []
-    for hole in holes_around(t, dropped):
-        rows = dropped & (t >= hole.start_s) & (t <= hole.end_s)
-        ends = _ends_of(values[rows])
-        left_out.append(Disbelieved(hole, float(t[np.argmax(rows)]), 0.0, *ends, contested=True))
-    return t[~dropped], values[~dropped], tuple(left_out)
+    kept, left_out = t[~dropped], []
+    for span in merged(contested):
+        # Also where none is left to drop: samples of one instant that differ have dropped each other.
+        rows = (t >= span.start_s) & (t <= span.end_s)
+        before, after = np.searchsorted(kept, span.start_s), np.searchsorted(kept, span.end_s, side="right")
+        start_s = float(kept[before - 1]) if before else span.start_s
+        end_s = float(kept[after]) if after < len(kept) else span.end_s
+        at_s = float(t[np.argmax(rows)]) if rows.any() else span.start_s
+        ends = _ends_of(values[rows]) if rows.any() else (np.inf, -np.inf)
+        left_out.append(Disbelieved(Span(start_s, end_s), at_s, 0.0, *ends, contested=True))
+    return kept, values[~dropped], tuple(left_out)
 
 
 def _ends_of(values: FloatArray) -> tuple[float, float]:

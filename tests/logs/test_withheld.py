@@ -15,6 +15,7 @@ from ariac_score.checks.findings import Verdict
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.errors import LogError
 from ariac_score.logs.rosbag import RosbagReader
+from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.testing.bags import Recorded, Storage, write_bag
 from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.build import TrialBuilder
@@ -25,7 +26,7 @@ from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import Span
 from ariac_score_ariac.messages import NistGear2020
-from ariac_score_standards import Always
+from ariac_score_standards import Always, ReducedSpeed
 from ariac_score_standards.signal_coverage import SignalCoverage
 from ariac_score_stl.formula import StlFormula
 
@@ -76,7 +77,7 @@ def read(path: Path, messages: Sequence[Recorded], *channels: Channel, storage: 
     if storage != "ros1":
         messages = [for_ros2(m) if "header" in m.fields else m for m in messages]
     write_bag(path, sorted(messages, key=lambda m: m.t_ns), storage=storage)
-    quantities = frozenset({"position", "centre_distance"})
+    quantities = frozenset({"position", "centre_distance", "separation", "speed"})
     decoders: dict[str, Decoder] = {"gear": NistGear2020()}
     return RosbagReader().read(path, Wanted(log_map, quantities, decoders))
 
@@ -176,6 +177,15 @@ def test_a_publisher_that_is_started_again_is_no_second_one(tmp_path: Path) -> N
     assert (len(trial.signals["position/human"]), defects(trial)) == (100, {})
 
 
+TWO_METRES = Always(
+    holds="d >= 2",
+    signals={"d": "centre_distance/{robot}/{human}"},
+    unit="m",
+    max_gap_s=0.05,
+    t_off_s=0.0,
+)
+
+
 @pytest.mark.parametrize("apart_m", [0.0, 5.0, 300.0])
 def test_who_contests_another_before_and_after_him_bounds_nothing_in_between(
     apart_m: float, tmp_path: Path
@@ -193,22 +203,119 @@ def test_who_contests_another_before_and_after_him_bounds_nothing_in_between(
         events=(Event(0.0, COMPETITION_STARTED), Event(0.98, COMPETITION_ENDED)),
         between=between_samples({}, {}),
     )
-    derived = derive_signals(trial, [Derivation("centre_distance", 0.05)])
-    monitor = Always(
-        holds="d >= 2",
-        signals={"d": "centre_distance/{robot}/{human}"},
-        unit="m",
-        max_gap_s=0.05,
-        t_off_s=0.0,
-    )
 
+    best_s, worst_s = times_in_violation_s(trial, TWO_METRES, "centre_distance")
+    assert best_s <= (0.98 if apart_m == 0.0 else 0.4)
+    assert worst_s >= 0.6
+
+
+def times_in_violation_s(trial: Trial, monitor: SubjectMonitor, quantity: str) -> tuple[float, float]:
+    """In the best and in the worst world."""
+    derived = derive_signals(trial, [Derivation(quantity, 0.05)])
     (worlds,) = [one for one in monitor.watch_worlds(derived) if isinstance(one, Worlds)]
     best_s, worst_s = (
         sum(f.quantities["time_in_violation_s"] for f in world if f.verdict is Verdict.VIOLATED)
         for world in (worlds.best, worlds.worst)
     )
-    assert best_s <= (0.98 if apart_m == 0.0 else 0.4)
-    assert worst_s >= 0.6
+    return best_s, worst_s
+
+
+def told(topic: str, publisher: str, times_s: Sequence[float], value: float) -> Iterator[Recorded]:
+    for t_s in times_s:
+        yield Recorded(topic, SCALAR, START_NS + round(t_s * 1e9), {"data": value}, publisher)
+
+
+ALWAYS_S = [0.01 * i for i in range(401)]
+NEAR = Always(
+    holds="d >= 1",
+    signals={"d": "separation/{robot}/{human}"},
+    unit="m",
+    max_gap_s=0.05,
+    t_off_s=0.0,
+)
+
+
+@pytest.mark.parametrize("apart_m", [0.8, 3.8, 300.0])
+def test_a_ghost_does_not_bound_a_distance_that_another_measures_rarely(
+    apart_m: float, tmp_path: Path
+) -> None:
+    """At 2 Hz, with 1 m/s, 1.2 m may have been 0.95 m in between: what the ghost says changes none of it."""
+    channel = Channel("/d", SCALAR, signals=(FieldMap("separation/robot/human", "m", ("data",)),))
+    honest = told("/d", "/tracker", [1.0005 + 0.5 * i for i in range(5)], 1.2)
+    trial = read(tmp_path / "t.bag", [*honest, *told("/d", "/ghost", ALWAYS_S, 1.2 + apart_m)], channel)
+    trial = replace(
+        trial,
+        events=(Event(0.0, COMPETITION_STARTED), Event(4.0, COMPETITION_ENDED)),
+        between=between_samples({}, {"human": SLOW, "robot": SLOW}),
+    )
+
+    assert times_in_violation_s(trial, NEAR, "separation") == pytest.approx((0.0, 2.01), abs=0.02)
+
+
+SLOW = {"max_speed_m_s": 0.5, "source": "a test"}
+
+
+@pytest.mark.parametrize(
+    ("ghost_m_s", "honest_m_s", "every_s", "late_s", "expected_s"),
+    [
+        (0.39, 0.0, 0.01, 0.0, (1.99, 4.0)),  # both speak in the same instants
+        (
+            0.39,
+            0.0,
+            0.01,
+            0.003,
+            (1.99, 4.0),
+        ),  # it may have stood still for as long as the honest one says so
+        (0.0, 0.24, 0.5, 0.003, (0.0, 1.5)),  # between two samples it may have been faster than 0.25 m/s
+    ],
+)
+def test_a_ghost_does_not_bound_a_speed_by_how_fast_that_can_change(
+    ghost_m_s: float,
+    honest_m_s: float,
+    every_s: float,
+    late_s: float,
+    expected_s: tuple[float, float],
+    tmp_path: Path,
+) -> None:
+    channel = Channel("/v", SCALAR, signals=(FieldMap("speed/robot", "m/s", ("data",)),))
+    times_s = [1.0 + late_s + every_s * i for i in range(round(2.0 / every_s))]
+    ghost = told("/v", "/ghost", ALWAYS_S, ghost_m_s)
+    trial = read(tmp_path / "t.bag", [*told("/v", "/tracker", times_s, honest_m_s), *ghost], channel)
+    trial = replace(
+        trial,
+        events=(Event(0.0, COMPETITION_STARTED), Event(4.0, COMPETITION_ENDED)),
+        between=between_samples(
+            {}, {"robot": {"max_speed_m_s": 0.4, "max_acceleration_m_s2": 0.1, "source": "a test"}}
+        ),
+    )
+
+    assert times_in_violation_s(trial, ReducedSpeed(), "speed") == pytest.approx(expected_s, abs=0.03)
+
+
+def test_silence_after_two_who_contest_each_other_is_bounded_by_neither(tmp_path: Path) -> None:
+    """The ghost says 5 m to 3 s, the tracker 0.5 m from 1 to 3 s, and nobody speaks to 4 s."""
+    tracked = places(300, publisher="/tracker", since_ns=3_000_000, y=0.5)
+    honest = [m for m in tracked if m.t_ns - START_NS >= 10**9]
+    ghost = places(301, publisher="/ghost", y=5.0)
+    still = [
+        replace(m, topic="/robot", publisher="/robot", fields={**m.fields, "point": {"x": 0.0}})
+        for m in places(401)
+    ]
+    given = [
+        replace(m, fields={**m.fields, "point": {"x": 0.0, "y": m.fields["point"]["y"]}})
+        for m in (*honest, *ghost)
+    ]
+    robot = Channel(
+        "/robot", POINT, signals=(FieldMap("position/robot", "m", ("point.x", "point.y", "point.z")),)
+    )
+    trial = read(tmp_path / "t.bag", [*given, *still], PLACE, robot)
+    trial = replace(
+        trial,
+        events=(Event(0.0, COMPETITION_STARTED), Event(4.0, COMPETITION_ENDED)),
+        between=between_samples({}, {"human": SLOW, "robot": SLOW}),
+    )
+
+    assert times_in_violation_s(trial, TWO_METRES, "centre_distance")[1] == pytest.approx(3.0, abs=0.03)
 
 
 def test_two_publishers_of_one_transform_contradict_each_other(tmp_path: Path) -> None:
