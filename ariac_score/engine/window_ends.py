@@ -12,7 +12,7 @@ from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.monitors.worlds import alike
 from ariac_score.trial.model import Trial
 from ariac_score.trial.sums import exact_sum
-from ariac_score.trial.window import WindowEnds, ends_of
+from ariac_score.trial.window import WindowEnds, ends_of, lasting, surely_of
 
 __all__ = ["opened_by_ends"]
 
@@ -35,26 +35,47 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
         trial: The trial.
         prepared: The rule set.
     """
-    ends = ends_of(trial)
-    if ends is None or prepared.rule_set.checks[each.name].group == _RULES:
+    if prepared.rule_set.checks[each.name].group == _RULES:
         return asked[1]
-    shortest, longest = (
-        ask_worlds(
-            each.plugin,
-            each.name,
-            each.check,
-            ends.of(trial, longest=is_longest),
-            notice=_said_before,
-            words=prepared.words,
-        )
-        for is_longest in (False, True)
-    )
+
+    def of(competition: Trial) -> Asked:
+        given = each.plugin, each.name, each.check, competition
+        return ask_worlds(*given, notice=_said_before, words=prepared.words)
+
+    ends = ends_of(trial)
+    if ends is None and not trial.window_open:
+        return asked[1]
+    if ends is None:
+        sure = surely_of(trial)
+        certain = {} if sure is None else _by_subject(of(lasting(trial, sure)))
+        return _not_certain(each.name, _by_subject(asked), certain, trial)
+    shortest, longest = (of(ends.of(trial, longest=is_longest)) for is_longest in (False, True))
     lengths = [_by_subject(one) for one in (shortest, asked, longest)]
     subjects = sorted({subject for found in lengths for subject in found})
     opened = {
         subject: _opened([found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects
     }
     return _numbered(each.name, {subject: both for subject, both in opened.items() if both is not None})
+
+
+def _not_certain(
+    check: str, asked: Mapping[str, _Both], certain: Mapping[str, _Both], trial: Trial
+) -> list[OpenFindings]:
+    """What is open where nobody knows when the competition started or ended: what may have been outside it.
+
+    A monitor that says so itself has said it; the others know of no competition but the one they are shown.
+    """
+    opened: dict[str, _Both | None] = {}
+    for subject, both in asked.items():
+        within = certain.get(subject, _NOTHING)
+        if not both.is_open and _badness(within.best) < _badness(both.best):
+            nothing = Finding.satisfied(subject, "what is broken may have been outside of the competition")
+            best = _settled(within.best, Verdict.SATISFIED) or (replace(nothing, check=check),)
+            cause = Cause(trial.window_open, spans=() if trial.window is None else (trial.window,))
+            opened[subject] = _Both(best, both.worst, (cause,), tight=False, is_open=True)
+        else:
+            opened[subject] = both if both.is_open else None
+    return _numbered(check, {subject: both for subject, both in opened.items() if both is not None})
 
 
 def _said_before(origin: str, text: str) -> None:

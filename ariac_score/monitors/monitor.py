@@ -35,6 +35,7 @@ from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.window import lasted_of, lasting, surely_of
 
 __all__ = ["LimitMonitor", "MarginMonitor", "Reach", "SubjectMonitor"]
 
@@ -250,9 +251,27 @@ class _Unseen:
         else:
             return
         if why:
-            worlds = whole_window(watched.trial, watched.subject.name, self._says, why, seen=worlds)
+            certain = self._certain(watched, judge, worlds)
+            name = watched.subject.name
+            worlds = whole_window(watched.trial, name, self._says, why, seen=worlds, certain=certain)
         if worlds is not None:
             yield worlds
+
+    def _certain(
+        self, watched: Watched, judge: Callable[[Watched], Iterable[Statement]], worlds: Worlds | None
+    ) -> tuple[Finding, ...]:
+        """What is found in every competition that may have been: the best world of the shortest one."""
+        if lasted_of(watched.trial) is None:  # made by hand, and all of it the competition
+            return () if worlds is None else worlds.best
+        sure = surely_of(watched.trial)
+        if sure is None:
+            return ()
+        shortest = watched.within(lasting(watched.trial, sure))
+        opened = open_worlds(shortest, judge, self._says)
+        if opened is not None:
+            return opened.worlds.best
+        stated = seen(shortest, judge, self.monitor.rules.clause)
+        return tuple(one for one in stated if isinstance(one, Finding))
 
 
 class LimitMonitor(SubjectMonitor):

@@ -204,6 +204,13 @@ class Watched:
         """Time of the last sample; there has to be one."""
         return float(self.t[-1])
 
+    def within(self, trial: Trial) -> Watched:
+        """The same signals in the competition of another trial that has them."""
+        signals = [trial.signals[name] for name in self.names.values()]
+        return watched_signals(
+            signals, self.max_gap_s, trial, self.subject, names=self.names, optional=self.optional
+        )
+
     def samples(self, row: int) -> tuple[Sample, ...]:
         """What was measured in one row, as evidence; nothing where it was not."""
         if self.filled is not None and self.filled[row]:

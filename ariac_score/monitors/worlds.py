@@ -30,7 +30,6 @@ from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.vocabulary import quantity_of
-from ariac_score.trial.window import lasted_of
 
 __all__ = [
     "Opened",
@@ -448,6 +447,7 @@ def whole_window(
     why: str,
     *,
     seen: Worlds | None = None,
+    certain: Sequence[Finding] = (),
 ) -> Worlds | None:
     """What is open where nothing shows a subject in the whole competition; `None` without a window.
 
@@ -457,41 +457,19 @@ def whole_window(
         monitor: What it measures.
         why: In words.
         seen: What was found all the same.
+        certain: What is found in every competition that may have been.
     """
     window = trial.window
     if trial.between is None or window is None:
         return None
-    best: tuple[Finding, ...] = () if seen is None else seen.best
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
     broken = _all_of(subject, window, monitor, worst)
-    sure = _surely(trial, window)
-    kept = (one for one in best if one.verdict is not Verdict.INCONCLUSIVE)
-    best = tuple(one for one in kept if _is_within(one, sure)) or (_kept(subject, monitor),)
+    kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
+    best = tuple(kept) or (_kept(subject, monitor),)
     cause = Cause(why, spans=(window,))
     causes = (cause,) if seen is None else (cause, *seen.causes)
     violated = tuple(one for one in worst if one.verdict is Verdict.VIOLATED)
     return Worlds(subject, best, (*violated, *broken), causes)
-
-
-def _surely(trial: Trial, window: Span) -> Span | None:
-    """What of a window was certainly competition; `None`: of none of it anybody knows.
-
-    A recording that goes on may show what came after, and one that begins early what was before.
-    """
-    start_s, end_s, lasted = trial.started_s, trial.ended_s, lasted_of(trial)
-    if lasted is None or (start_s is not None and end_s is not None):
-        return window
-    if start_s is not None:
-        return Span(start_s, start_s + lasted.least_s)
-    return None if end_s is None else Span(end_s - lasted.least_s, end_s)
-
-
-def _is_within(finding: Finding, sure: Span | None) -> bool:
-    """Whether what a finding says holds in every competition that may have been."""
-    if finding.verdict is not Verdict.VIOLATED:
-        return True
-    span = finding.span
-    return sure is not None and span is not None and sure.start_s <= span.start_s and span.end_s <= sure.end_s
 
 
 def _kept(subject: str, monitor: Worsening) -> Finding:

@@ -18,7 +18,10 @@ __all__ = [
     "ends_of",
     "lacks_start",
     "lasted_of",
+    "lasting",
     "stated_late",
+    "stated_on",
+    "surely_of",
     "with_window",
 ]
 
@@ -28,6 +31,8 @@ RECORDING = "recording"
 
 LATE = "late_by_at_most"
 """The number of a start or an end that says by how much earlier it may have been, in s."""
+RAN = "ran_for_at_least"
+"""The number of a start that says how long the log goes on to say that the competition runs, in s."""
 
 _SHORTEST_S = 1e-3
 
@@ -41,6 +46,15 @@ def stated_late(event: Event, by_s: float) -> Event:
     0.1
     """
     return replace(event, numbers=(*event.numbers, EventNumber(LATE, by_s, "s")))
+
+
+def stated_on(event: Event, for_s: float) -> Event:
+    """A start of a competition that runs so long after it, at least.
+
+    >>> stated_on(Event(5.0, COMPETITION_STARTED), 3.0).number("ran_for_at_least", unit="s")
+    3.0
+    """
+    return replace(event, numbers=(*event.numbers, EventNumber(RAN, for_s, "s")))
 
 
 @dataclass(frozen=True)
@@ -57,11 +71,9 @@ class WindowEnds:
 
     def of(self, trial: Trial, *, longest: bool) -> Trial:
         """The trial as if the competition had been as long as it may have been, or as short."""
-        others = [e for e in trial.events if e.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
         start_s = self.start.start_s if longest else self.start.end_s
         end_s = self.end.end_s if longest else max(self.end.start_s, start_s + _SHORTEST_S)
-        ends = (Event(start_s, COMPETITION_STARTED), Event(end_s, COMPETITION_ENDED))
-        return replace(trial, events=tuple(sorted([*others, *ends])))
+        return lasting(trial, Span(start_s, end_s))
 
     @property
     def words(self) -> str:
@@ -86,6 +98,13 @@ class Lasted:
     why: str
 
 
+def lasting(trial: Trial, span: Span) -> Trial:
+    """The trial as if the competition had been a stretch of it, exactly."""
+    others = [e for e in trial.events if e.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
+    ends = (Event(span.start_s, COMPETITION_STARTED), Event(span.end_s, COMPETITION_ENDED))
+    return replace(trial, events=tuple(sorted([*others, *ends])), window_open="")
+
+
 def lasted_of(trial: Trial) -> Lasted | None:
     """For how long the competition may have lasted; `None` where the log, or the rules, state it exactly."""
     ends = ends_of(trial)
@@ -95,11 +114,24 @@ def lasted_of(trial: Trial) -> Lasted | None:
     is_cut = trial.cut is not None and trial.cut.open_end
     if not trial.window_open and not is_cut:
         return None
-    # Of what has a time only work is certain to have been within the competition.
-    known = [t_s for t_s in (trial.started_s, trial.ended_s, *_of_work_s(trial)) if t_s is not None]
-    in_order = None in (trial.started_s, trial.ended_s)
-    least_s = max(known) - min(known) if known and in_order else 0.0
+    sure = surely_of(trial)
+    least_s = 0.0 if sure is None else sure.duration_s
     return Lasted(least_s, None, trial.window_open or "nobody knows when the competition ended")
+
+
+def surely_of(trial: Trial) -> Span | None:
+    """What was certainly within the competition, as far as its length is open; `None`: nobody knows of any.
+
+    A recording that goes on may show what came after, and one that begins early what was before. Of what has
+    a time only work is certain to have been within, and the time for which the log says that it runs.
+    """
+    start_s, end_s = trial.started_s, trial.ended_s
+    if start_s is not None and end_s is not None:  # the end is not after the start
+        return None
+    known = [t_s for t_s in (start_s, end_s, *_of_work_s(trial)) if t_s is not None]
+    if start_s is not None:
+        known += [e.t_s + (e.number(RAN, unit="s") or 0.0) for e in trial.events_of(COMPETITION_STARTED)]
+    return Span(min(known), max(known)) if known and min(known) < max(known) else None
 
 
 def _of_work_s(trial: Trial) -> list[float]:

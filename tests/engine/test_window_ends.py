@@ -24,7 +24,16 @@ from ariac_score import (
 )
 from ariac_score.engine.prepared import prepare
 from ariac_score.results.result import Pinned, Provenance
-from ariac_score.trial.window import RECORDING, ends_of, lasted_of, stated_late, with_window
+from ariac_score.trial.spans import Span
+from ariac_score.trial.window import (
+    RECORDING,
+    ends_of,
+    lasted_of,
+    stated_late,
+    stated_on,
+    surely_of,
+    with_window,
+)
 from ariac_score_ariac.testing import kitting_trial
 
 PAPER = load_rule_set("paper2020.published")
@@ -176,6 +185,58 @@ def test_how_long_it_lasted_is_known_as_far_as_its_ends_are(
     assert (None if found is None else (found.least_s, found.most_s)) == (
         None if lasts_s is None else pytest.approx(lasts_s)
     )
+
+
+@pytest.mark.parametrize(
+    ("ends", "sure_s"),
+    [
+        ((START,), (0.5, 31.0)),
+        ((stated_on(START, 35.0),), (0.5, 35.5)),  # so long the log says that it runs
+        ((Event(13.0, COMPETITION_STARTED),), (1.0, 31.0)),  # work that is announced before opens it
+        ((END,), (1.0, 38.0)),
+        ((), (1.0, 31.0)),
+        ((Event(38.0, COMPETITION_STARTED), Event(0.5, COMPETITION_ENDED)), None),
+        ((Event(21.0, COMPETITION_STARTED), Event(0.2, COMPETITION_ENDED)), None),
+    ],
+    ids=["no end", "it runs", "announced before", "no start", "neither", "turned round", "a stale end"],
+)
+def test_certainly_within_is_what_lies_between_what_is_known_to_have_been(
+    ends: Sequence[Event], sure_s: tuple[float, float] | None
+) -> None:
+    trial = with_window(replace(TRIAL, events=tuple(sorted(ends)), window_open=""), "")
+
+    assert surely_of(trial) == (None if sure_s is None else Span(*sure_s))
+
+
+def scores_between(trial: Trial) -> tuple[float, float]:
+    found = scored(with_window(replace(trial, window_open=""), ""))
+    if found.interval is None:
+        assert found.score is not None
+        return float(found.score), float(found.score)
+    return float(found.interval.least), float(found.interval.most)
+
+
+@pytest.mark.parametrize("collided_s", [30.9, 31.1, 36.0])
+@pytest.mark.parametrize("start", [START, stated_on(START, 35.0)])
+def test_an_event_after_an_end_that_nobody_states_is_held_against_nobody_for_certain(
+    start: Event, collided_s: float
+) -> None:
+    """The last kit is handed in at 31 s; a collision takes all, unless the competition was over."""
+    collided = Event(collided_s, ARM_COLLISION)
+    without = replace(TRIAL, events=tuple(sorted([start, *_announced(), collided])))
+    truths = [
+        scores_between(replace(without, events=(*without.events, Event(ended_s, COMPETITION_ENDED))))
+        for ended_s in (35.6, 36.5)
+    ]
+    least, most = scores_between(without)
+
+    assert all(least <= low == high <= most for low, high in truths)
+    ran_until_s = 35.5 if start.numbers else 31.0
+    assert (most == 0.0) is (collided_s < ran_until_s)
+
+
+def _announced() -> list[Event]:
+    return [event for event in TRIAL.events if event.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
 
 
 def test_where_the_rules_take_the_recording_for_it_it_lasted_as_long() -> None:

@@ -673,6 +673,29 @@ def test_a_last_word_that_came_late_was_said_earlier(tmp_path: Path) -> None:
     assert started.number("late_by_at_most", unit="s") == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(
+    ("states", "ran_for_s"),
+    [
+        (["init", "go", "go", "go", "go"], 3.0),
+        (["init", "go", "go", "", "go", "done"], 3.0),
+        (["init", "go", "go", "init", "go"], 1.0),  # what a word between them means nobody knows
+        (["init", "go"], None),
+    ],
+)
+def test_a_topic_that_repeats_its_state_says_for_how_long_the_competition_runs(
+    tmp_path: Path, states: list[str], ran_for_s: float | None
+) -> None:
+    messages = [
+        Recorded("/state", "std_msgs/msg/String", i * 10**9, {"data": s}) for i, s in enumerate(states) if s
+    ]
+    path = write_bag(tmp_path / "x.mcap", messages, storage="mcap")
+
+    trial = RosbagReader().read(path, wanted(Channel("/state", decoder="gear")))
+
+    started = next(one for one in trial.events if one.kind == "competition_started")
+    assert started.number("ran_for_at_least", unit="s") == ran_for_s
+
+
 @pytest.mark.slow
 def test_what_no_plan_can_express_is_decoded_one_by_one_and_speed_message(tmp_path: Path) -> None:
     """More fields than a plan takes: rosbags reads each message, and the trial tells."""

@@ -627,9 +627,11 @@ def test_without_bounds_a_speed_that_no_sample_shows_is_missing() -> None:
     assert "speed/arm" not in derive_signals(given, [Derivation("speed", 0.05)]).signals
 
 
-@pytest.mark.parametrize(("handed_in_s", "is_certain"), [(None, False), (2.0, False), (3.5, True)])
-def test_what_may_have_been_after_an_end_that_nobody_states_is_not_certain(
-    handed_in_s: float | None, is_certain: bool
+@pytest.mark.parametrize(
+    ("handed_in_s", "certain_s"), [(None, 0.0), (0.9, 0.0), (2.0, 1.0), (3.5, 2.01), (4.0, 2.01)]
+)
+def test_of_what_may_have_been_after_an_end_that_nobody_states_only_the_part_before_is_certain(
+    handed_in_s: float | None, certain_s: float
 ) -> None:
     """Too near from 1 s to 3 s of a recording of 4 s; nobody knows how long the competition went on."""
     near_m = {round(0.01 * k, 9): (0.5 if 100 <= k <= 300 else 3.0) for k in range(401)}
@@ -638,5 +640,8 @@ def test_what_may_have_been_after_an_end_that_nobody_states_is_not_certain(
     given = replace(given, submissions=work, window_open="the log does not show the end")
     _, (worlds,) = found(NEARER_THAN_1_M, given)
 
-    assert any(one.verdict is Verdict.VIOLATED for one in worlds.best) is is_certain
+    best_s = sum(
+        one.quantities["time_in_violation_s"] for one in worlds.best if one.verdict is Verdict.VIOLATED
+    )
+    assert best_s == pytest.approx(certain_s, abs=1e-9)
     assert any(one.verdict is Verdict.VIOLATED for one in worlds.worst)

@@ -10,7 +10,7 @@ from ariac_score.errors import LogError
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Event
 from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.window import stated_late
+from ariac_score.trial.window import stated_late, stated_on
 
 __all__ = ["STATES", "changes"]
 
@@ -88,7 +88,9 @@ def changes(
         elif state is not None and state != before and (repeats or place == first):
             since_s = _silent_s(place, times_s, builder)
             since_s += float(delays_s[place - 1]) if place and len(delays_s) else 0.0
-            yield stated_late(item, since_s) if since_s > 0.0 else item
+            stated = stated_late(item, since_s) if since_s > 0.0 else item
+            runs_s = _runs_s(place, items, times_s, delays_s) if state == COMPETITION_STARTED else 0.0
+            yield stated_on(stated, runs_s) if runs_s > 0.0 else stated
         elif item is not None and (state is None or state != before):
             yield item
         if state == COMPETITION_ENDED and ended is None:
@@ -103,6 +105,19 @@ def _silent_s(place: int | None, times_s: Sequence[float], builder: TrialBuilder
     if place:
         return times_s[place] - times_s[place - 1]
     return 0.0 if builder.recorded is None else times_s[place] - builder.recorded.start_s
+
+
+def _runs_s(
+    place: int, items: Sequence[Any], times_s: Sequence[float], delays_s: Sequence[float] | FloatArray
+) -> float:
+    """For how long a topic says, from one of its messages on, that the competition runs, s."""
+    if not times_s:
+        return 0.0
+    last = place
+    while last + 1 < len(items) and _state(items[last + 1]) == COMPETITION_STARTED:
+        last += 1
+    sent_s = times_s[last] - (float(delays_s[last]) if len(delays_s) else 0.0)
+    return max(0.0, sent_s - times_s[place])
 
 
 def _begins_running(items: Sequence[Any]) -> bool:
