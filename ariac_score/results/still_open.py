@@ -27,6 +27,8 @@ _Step = tuple[float, float, float]
 """Beginning, end and relative depth."""
 
 _ALWAYS = Span(-1e12, 1e12)
+_INSTANT_S = 1e-9
+"""For so long stands the sample at which a gap begins: it was seen, and is no part of the gap."""
 _SLIVER_S = 1e-6
 """What remains of a violation is longer: stamps and their sums differ by less."""
 
@@ -77,9 +79,14 @@ def _after(
         for key, finding in decided.items()
         if not _is_violated(finding) and before[key].verdict is not Verdict.SATISFIED
     }
-    unseen = [f.span for key, f in cleared.items() if before[key].verdict is Verdict.INCONCLUSIVE and f.span]
+    unseen = [
+        _behind_its_sample(f.span)
+        for key, f in cleared.items()
+        if before[key].verdict is Verdict.INCONCLUSIVE and f.span
+    ]
+    seen = [f for key, f in cleared.items() if before[key].verdict is not Verdict.INCONCLUSIVE or not f.span]
     violated = [f.span for key, f in decided.items() if _is_confirmed(before[key], f) and f.span]
-    cut = _Cut.of([*cleared.values()], unseen, merged(violated), one)
+    cut = _Cut.of(seen, unseen, merged(violated), one)
     worst = {key: left for key, f in one.worst.items() if (left := cut.worst(f)) is not None}
     best = {key: left for key, f in one.best.items() if (left := cut.best(f)) is not None}
     room = {name: _total(name, one.worst) - _total(name, one.best) for name in TIMES}
@@ -215,9 +222,9 @@ class _Cut:
     def of(
         cls, cleared: Sequence[Finding], unseen: Sequence[Span], violated: Sequence[Span], one: OpenFindings
     ) -> _Cut:
-        """The stretches of what is cleared, but for the gaps in them that are called violated."""
+        """The stretches of what is cleared, but for those of them that are called violated."""
         # A finding without a time is about all of it.
-        whole = merged(_ALWAYS if finding.span is None else finding.span for finding in cleared)
+        whole = merged([*(_ALWAYS if finding.span is None else finding.span for finding in cleared), *unseen])
         steps = (each for span in whole for each in _beside((span.start_s, span.end_s, 1.0), violated))
         spans = [Span(start_s, end_s) for start_s, end_s, _ in steps]
         in_best = [finding for finding in one.best.values() if _is_violated(finding)]
@@ -270,7 +277,7 @@ class _Cut:
         left = self._left(finding)
         if left is None or left is finding:
             return left
-        return replace(left, quantities=_less(finding, self.spans).quantities)
+        return replace(left, quantities=_less(finding, self.spans, self.unseen).quantities)
 
     def _left(self, finding: Finding) -> Finding | None:
         """A violation beside the stretches, as one in however many pieces; `None` where none is left."""
@@ -297,9 +304,22 @@ def _steps(finding: Finding) -> list[_Step]:
     return [(span.start_s, span.end_s, 1.0)] if span is not None and span.duration_s > 0 else []
 
 
-def _less(finding: Finding, spans: Sequence[Span]) -> Finding:
-    """A violation with the least that it had outside of stretches."""
-    inside = [(step, _overlap_s(step, spans)) for step in _steps(finding)]
+def _behind_its_sample(gap: Span) -> Span:
+    return Span(min(gap.start_s + _INSTANT_S, gap.end_s), gap.end_s)
+
+
+def _less(finding: Finding, spans: Sequence[Span], unseen: Sequence[Span] = ()) -> Finding:
+    """A violation with the least that it had outside of stretches, some of which are gaps.
+
+    A step of a profile that goes beyond a gap is a valley that was filled, and nothing of it was in the gap.
+    """
+    gaps = merged(unseen)
+
+    def within_s(step: _Step) -> float:
+        is_filled = not _is_in(Span(step[0], step[1]), gaps)
+        return max(0.0, _overlap_s(step, spans) - (_overlap_s(step, gaps) if is_filled else 0.0))
+
+    inside = [(step, within_s(step)) for step in _steps(finding)]
     gone = {
         TIME: sum(seconds for _, seconds in inside),
         DEPTH: sum(seconds * step[2] for step, seconds in inside),

@@ -188,21 +188,23 @@ def price(
         withheld, interval = _withheld(assumed, sheet.scored), None
     if left_open.work_open:
         return Priced("incomplete", None, None, None, assumptions, _of_known_work(settled, digits, left_open))
-    if withheld or not settled.is_bounded:
-        missing_words = "" if settled.is_bounded else maker.without_bound(settled, scored)
+    if not settled.is_bounded:
+        missing_words = maker.without_bound(settled, scored)
         return Priced("incomplete", None, task, possible, assumptions, missing_words, interval)
-    if cohort.beyond and not maker.is_zeroed(sheet.scored):
+    beside = CohortValues() if maker.is_zeroed(sheet.scored) else cohort
+    if beside.beyond:
         try:
             ends = ends_around(settled, replaced(settled.worlds, beyond=_beyond(sheet)), digits)
         except FormulaError:
             ends = None
         if ends is None:
-            nothing = f"{cohort.beyond}; nothing bounds what that makes of the score"
+            nothing = f"{beside.beyond}; nothing bounds what that makes of the score"
             return Priced("incomplete", None, task, possible, assumptions, nothing)
-        counts = maker.counts if cohort.withheld else "known"
-        interval = interval_around(interval, ends, settled.ends(digits), counts, cohort.beyond)
-        if cohort.withheld:
-            return Priced("incomplete", None, task, possible, assumptions, cohort.withheld, interval)
+        counts = maker.counts_of(sheet.scored) if withheld or beside.withheld else "known"
+        interval = interval_around(interval, ends, settled.ends(digits), counts, beside.beyond)
+    if withheld or beside.withheld:
+        why = "" if withheld else beside.withheld
+        return Priced("incomplete", None, task, possible, assumptions, why, interval)
     ledger = maker.ledger(sheet.score, settled, sheet.scored, "score")
     if possible is not None and possible < (interval.most if interval else ledger.amount):
         possible = None

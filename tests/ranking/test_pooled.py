@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ariac_score import Signal, Trial, load_rule_set, reprice, score_trial
+from ariac_score import Signal, Trial, Verdict, load_rule_set, reprice, score_trial
 from ariac_score.errors import DataFileError, FormulaError
 from ariac_score.ranking.adjusting import adjusted_ranking
 from ariac_score.ranking.competition import load_competition
@@ -397,6 +398,48 @@ def test_what_the_rules_withhold_stays_withheld_in_all_runs_until_all_of_it_is_d
     assert found.stewarded is not None
     beside = next(run for run in found.stewarded.ranking.runs if run.number == 1)
     assert "run 2 is undecided, and the rules count what all runs did" in beside.cause
+
+
+@pytest.mark.parametrize("verdicts", [(violated, violated), (satisfied, violated), (satisfied, satisfied)])
+def test_of_two_runs_that_are_withheld_each_says_what_the_other_leaves_of_its_score(
+    tmp_path: Path, verdicts: tuple[Callable[[str], dict[str, Any]], ...]
+) -> None:
+    """However the stewards decide all that is open, what comes of it was said to be possible before."""
+    rules, runs = f"{RULES}open: withhold\n", [unseen(20.1), unseen(21.0)]
+    before = {run.number: run for run in ranking(tmp_path, rules=rules, team=runs).runs}
+    decided = [
+        ("team", number, verdict(name))
+        for (number, run), verdict in zip(before.items(), verdicts, strict=True)
+        for name, finding in (run.result.measured.findings if run.result else {}).items()
+        if finding.verdict is Verdict.INCONCLUSIVE and finding.check in ("separation", "human_contact")
+    ]
+    found = ranking(tmp_path, *decided, rules=rules, team=runs)
+
+    for number, (_, score, left) in after(found).items():
+        ends, result = before[number].open, before[number].result
+        assert before[number].outcome == "undecided"
+        assert ends is not None
+        assert result is not None
+        assert result.interval is not None
+        assert Ends(result.interval.least, result.interval.most) == ends
+        for end in (left.least, left.most) if left else (score,) if score is not None else ():
+            assert ends.least <= end <= ends.most
+    assert (verdicts != (satisfied, satisfied)) or {one[0] for one in after(found).values()} == {"scored"}
+
+
+@pytest.mark.parametrize("extended", ["paper2020", "paper2020.published"])
+@pytest.mark.parametrize("until_s", [20.1, 20.5])
+def test_a_gap_in_which_nothing_was_violated_is_worth_what_its_best_world_is(
+    extended: str, until_s: float, tmp_path: Path
+) -> None:
+    """What was seen at the sample at which it begins, 0.956 m too near, stays seen."""
+    rules = f"id: mine\ntitle: Mine\nsource: a test\nextends: {extended}\n"
+    cleared = "team", 1, satisfied("separation#2")
+    found = ranking(tmp_path, cleared, rules=rules, team=[unseen(until_s)])
+
+    ends = found.runs[0].open
+    assert ends is not None
+    assert after(found) == {1: ("scored", ends.most, None)}
 
 
 def test_points_are_refused_where_another_run_withholds_the_score(tmp_path: Path) -> None:
