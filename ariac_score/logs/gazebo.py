@@ -10,6 +10,7 @@ import numpy as np
 from ariac_score.checks.contracts import LogDescription, ReaderFacts, TopicDescription, Wanted
 from ariac_score.errors import CutOffError, LogError
 from ariac_score.logs.containers.items import IntArray
+from ariac_score.logs.gather.body_links import add_unrecorded_links
 from ariac_score.logs.gazebo_models import Entity
 from ariac_score.logs.gazebo_states import GazeboStates, Scan, read_states
 from ariac_score.trial.build import TrialBuilder
@@ -111,6 +112,7 @@ class GazeboStateReader:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         for key in sorted(states.entities):
             _add_entity(builder, states, states.entities[key], models, positions=positions)
+        add_unrecorded_links(builder, models, {one.link for one in states.entities.values() if one.link})
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
         if states.cut_off and wanted.partial:

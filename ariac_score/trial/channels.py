@@ -150,6 +150,11 @@ class BodyMatch:
         # A slash would separate two bodies in the name of a signal.
         return Body(self.body or name.replace("/", "_"), self.kind, self.radius_m)
 
+    def is_body(self, body: Body) -> bool:
+        """Whether a body is one that this stands for."""
+        name = self.body or self.match.replace("/", "_")
+        return body.kind == self.kind and fnmatchcase(body.id, name)
+
     def follows_link(self, link: str) -> bool:
         """Whether positions of this link are wanted."""
         return any(fnmatchcase(link, pattern) for pattern in self.links)

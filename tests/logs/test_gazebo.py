@@ -163,6 +163,18 @@ def test_the_real_log_gives_the_bodies_a_log_map_names() -> None:
     assert trial.recorded == Span(0.002, 25.192)
 
 
+def test_a_link_that_the_log_map_names_and_the_log_lacks_does_not_vanish(tmp_path: Path) -> None:
+    arm = model("arm_1", "1 0 0 0 0 0", links={"elbow": "1 1 1 0 0 0"})
+    path = written(tmp_path, log_of(chunk(frame("1 0", arm, model("person_1", "9 0 0 0 0 0")))))
+
+    trial = READER.read(path, POSITIONS)
+
+    assert [(body.id, body.links) for body in trial.bodies] == [("arm_1", ("hand",)), ("person_1", ())]
+    assert list(trial.unrecorded) == [
+        "link hand of arm_1: no recorded link matches; recorded links: elbow",
+    ]
+
+
 # What frames mean
 
 

@@ -533,6 +533,47 @@ def test_a_person_whom_the_log_map_names_and_no_frame_is_does_not_vanish(tmp_pat
     ]
 
 
+@pytest.mark.parametrize(
+    ("pattern", "links", "said"),
+    [
+        ("hand", ("hand",), []),
+        ("ha*", ("hand",), []),
+        (
+            "hnad",
+            ("hnad",),
+            [
+                "link hnad of robot: no recorded link matches; did you mean 'hand'? recorded links: "
+                "base, hand, person, world"
+            ],
+        ),
+        ("foot_*", (), ["link foot_* of robot: no recorded link matches"]),
+    ],
+)
+def test_a_link_that_the_log_map_names_and_no_frame_is_does_not_vanish(
+    tmp_path: Path, pattern: str, links: tuple[str, ...], said: Sequence[str]
+) -> None:
+    """The hand is 0.3 m from somebody who is 3 m from the base of its robot."""
+    frames = (
+        BodyMatch("base", "robot", "robot", links=(pattern,)),
+        BodyMatch("person", "human", "human"),
+    )
+    places_m = (("base", "world", 0.0), ("hand", "base", 2.7), ("person", "world", 3.0))
+    given = [
+        moved(name, parent, x_m, START_NS + i * STEP_NS) for i in range(9) for name, parent, x_m in places_m
+    ]
+    path = write_bag(tmp_path / "t.bag", given, storage="ros1")
+
+    trial = RosbagReader().read(path, Wanted(LogMap("t", (FRAMES,), frames=frames), frozenset({"position"})))
+
+    (robot,) = trial.bodies_of("robot")
+    assert robot.links == links
+    assert [line.partition("; recorded")[0] for line in trial.unrecorded] == said
+    derived = derive_signals(trial, [Derivation("centre_distance", 0.05)])
+    distance = derived.signals.get("centre_distance/robot/human")
+    expected_m = None if links == ("hnad",) else 3.0 if not links else pytest.approx(0.3)
+    assert (None if distance is None else float(distance.values[0])) == expected_m
+
+
 @pytest.mark.parametrize(("frame", "refused"), [("camera", True), ("world", False), ("/world", False)])
 def test_positions_in_two_frames_are_never_subtracted(tmp_path: Path, frame: str, refused: bool) -> None:
     robot = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]

@@ -14,6 +14,7 @@ from ariac_score.logs.columnar.message_buffer import Pending, Waiting
 from ariac_score.logs.columnar.plan import PlanError
 from ariac_score.logs.columnar.types import Decode, UnknownTypeError, decoder_for
 from ariac_score.logs.containers.items import Batch, Connection, IntArray, Message
+from ariac_score.logs.gather.body_links import add_unrecorded_links
 from ariac_score.logs.gather.clock_witnesses import WITNESSES, ClockWitnesses
 from ariac_score.logs.gather.clocks import Clocks, TrialClock
 from ariac_score.logs.gather.collected_columns import (
@@ -374,6 +375,8 @@ class Collector:
             self._models.settle(builder, origin_ns, of_models)
         self._add_unrecorded_bodies(builder, due)
         self._add_unmatched(builder, (*self._tree.unmatched, *self._models.unmatched))
+        add_unrecorded_links(builder, self._wanted.log_map.frames, self._tree.names())
+        add_unrecorded_links(builder, self._wanted.log_map.models, self._models.link_names())
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
 

@@ -112,6 +112,10 @@ class ModelPoses:
         """Whether a recorded model is a body."""
         return any(track is not None for track in self._tracks.values())
 
+    def link_names(self) -> set[str]:
+        """The names of all recorded links, without those of their models."""
+        return {name.partition("::")[2] for name in self._tracks if "::" in name}
+
     @property
     def unmatched(self) -> list[BodyMatch]:
         """The patterns that no recorded model matches."""

@@ -1,0 +1,37 @@
+"""Links that a log map names of a body, and nobody recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+from ariac_score.logs.gather.message_fields import nearest
+from ariac_score.trial.build import TrialBuilder
+from ariac_score.trial.channels import BodyMatch
+
+__all__ = ["add_unrecorded_links"]
+
+
+def add_unrecorded_links(builder: TrialBuilder, matches: Iterable[BodyMatch], names: Iterable[str]) -> None:
+    """Say which links of recorded bodies were not recorded, and add those that are named one by one.
+
+    A body without one of its links is another one: its nearest point may be further away, so what is asked of
+    it is open. Which links a pattern stands for nobody knows where it matches none, so that is only said.
+
+    Args:
+        builder: Of the trial, with the bodies and links that were recorded.
+        matches: Whom the log map names.
+        names: Of all recorded links, or frames.
+    """
+    known = sorted(names)
+    for match in matches:
+        for body in [one for one in builder.bodies.values() if match.is_body(one)]:
+            for pattern in match.links:
+                link = pattern.replace("/", "_")
+                if any(fnmatchcase(own.replace("/", "_"), link) for own in body.links):
+                    continue
+                meant = f"; {nearest(pattern, known, what='recorded links')}" if known else ""
+                builder.unrecorded.append(f"link {pattern} of {body.id}: no recorded link matches{meant}")
+                if not set("*?[") & set(link):
+                    builder.add_body(replace(body, links=(link,)))
