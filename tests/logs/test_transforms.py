@@ -37,7 +37,7 @@ def transform(parent: str, child: str, at: Place, turn: Turn = NO_TURN) -> Field
 def tree_of(*samples: tuple[float | None, Fields]) -> TransformTree:
     tree = TransformTree("world", file=Path("t.bag"))
     for t_s, sample in samples:
-        tree.add(sample, None if t_s is None else round(t_s * 1e9))
+        tree.add(sample, round((t_s or 0.0) * 1e9), static=t_s is None)
     return tree
 
 
@@ -95,10 +95,58 @@ def test_every_transform_of_a_tree_comes_to_another_clock() -> None:
         (6.0, transform("rail", "torso", (0, 3, 0))),
     )
 
-    tree.retime(lambda stamps_ns: stamps_ns - 4_000_000_000)
+    tree.retime(lambda stamps_ns: stamps_ns - 4_000_000_000, lambda log_ns: log_ns)
 
     signal = settled(tree).signals["position/gantry"]
     assert (signal.t.tolist(), signal.values.tolist()) == ([1.0], [[1.0, 2.0, 0.0]])
+
+
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize(
+    ("told", "expected_m", "restated"),
+    [
+        ([(0.0, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),
+        ([(2.5, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),  # told late: it was there before
+        ([(0.0, 1.0), (2.0, 1.0), (3.0, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),
+        ([(0.0, 1.0), (1.5, 1.1)], [1.0, 1.0, 1.1, 1.1, 1.1], 1),
+        ([(0.0, 1.0), (2.0, 1.1), (3.5, 1.0)], [1.0, 1.0, 1.1, 1.1, 1.0], 2),
+        ([(0.0, 1.0), (9.0, 7.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 1),  # told after all else
+    ],
+)
+def test_a_static_transform_holds_until_another_one_replaces_it_and_not_before(
+    told: list[tuple[float, float]], expected_m: list[float], restated: int, *, together: bool
+) -> None:
+    """As a listener of tf2 has it who was there all the time."""
+    tree = tree_of(*((float(k), transform("cart", "torso", (0, 0, 0))) for k in range(5)))
+    if together:
+        none, ones = np.zeros(len(told)), np.ones(len(told))
+        tree.add_many(
+            ["world", "cart"],
+            none.astype(int),
+            ones.astype(int),
+            [np.array([x for _, x in told]), none, none, none, none, none, ones],
+            np.array([round(t_s * 1e9) for t_s, _ in told]),
+            none.astype(bool),
+        )
+    else:
+        for t_s, x in told:
+            tree.add(transform("world", "cart", (x, 0, 0)), round(t_s * 1e9), static=True)
+
+    builder = settled(tree)
+
+    signal = builder.signals["position/gantry"]
+    assert signal.values[:, 0].tolist() == expected_m
+    assert sum(one.count for one in builder._defects.values() if one.kind == "restated_transform") == restated
+
+
+def test_static_values_come_to_another_clock_by_when_they_were_recorded() -> None:
+    tree = tree_of(*((float(k), transform("cart", "torso", (0, 0, 0))) for k in range(4)))
+    for at_s, x in ((100.0, 1.0), (104.0, 2.0)):  # of a simulation at half the pace of the recorder's clock
+        tree.add(transform("world", "cart", (x, 0, 0)), round(at_s * 1e9), static=True)
+
+    tree.retime(lambda stamps_ns: stamps_ns, lambda log_ns: (log_ns - 100 * 10**9) // 2)
+
+    assert settled(tree).signals["position/gantry"].values[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0]
 
 
 def test_a_parent_that_turns_carries_its_child_around() -> None:

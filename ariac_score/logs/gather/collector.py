@@ -272,7 +272,7 @@ class Collector:
             static = channel.topic.endswith("tf_static")
             for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
                 stamp_ns = item.stamp_ns if static else self._stamp_ns(item, number, transform, channel)
-                self._tree.add(transform, None if static else stamp_ns)
+                self._tree.add(transform, stamp_ns, static=static)
                 if not static:
                     names = transform.header.frame_id, transform.child_frame_id
                     self._frame_publishers.take_one(item.connection, *names, stamp_ns)
@@ -451,7 +451,7 @@ class Collector:
 
     def _retime(self) -> None:
         """Put all kept stamps on the clock of the trial."""
-        self._tree.retime(partial(self._clocks.on_trial_clock, "/tf"))
+        self._tree.retime(partial(self._clocks.on_trial_clock, "/tf"), self._clocks.of_log)
         of_models = partial(self._clocks.on_trial_clock, "poses of models")
         self._models.retime(of_models)
         for frames in self._frames.values():

@@ -84,10 +84,14 @@ class _Edge:
     """The transform of a frame in its parent: x, y, z (m) and the quaternion x, y, z, w, at its stamps.
 
     Kept in arrays that grow at their end: a list of parts would be copied once more when it is joined.
+
+    Attributes:
+        static: Where it is told as one that never moves: its values, each with the time of recording from
+            which it holds, ns, as in tf2; the first one held before as well.
     """
 
     def __init__(self) -> None:
-        self.static: _Row | None = None
+        self.static: list[tuple[int, _Row]] = []
         self._stamps_ns: IntArray = np.empty(0, dtype=np.int64)
         self._columns: FloatArray = np.empty((7, 0))
         self._used, self._foreseen = 0, GrowthForecast(_LARGEST_GUESS)
@@ -95,6 +99,11 @@ class _Edge:
     @property
     def moves(self) -> bool:
         return self._used > 0
+
+    @property
+    def stands(self) -> bool:
+        """Whether it has one value all the time."""
+        return not self.moves and len(self.static) == 1
 
     @property
     def stamps_ns(self) -> IntArray:
@@ -106,9 +115,25 @@ class _Edge:
         """Its values at these stamps, shape (7, n)."""
         return self._columns[:, : self._used]
 
-    def retime(self, retimed: Retimed) -> None:
-        """Put its stamps on another clock."""
+    def retime(self, retimed: Retimed, of_log: Retimed) -> None:
+        """Put its stamps, and the times of recording of static values, on another clock."""
         self._stamps_ns[: self._used] = retimed(self.stamps_ns)
+        if len(self.static) > 1:
+            times_ns = of_log(np.array([at_ns for at_ns, _ in self.static], dtype=np.int64)).tolist()
+            self.static = [(at_ns, row) for at_ns, (_, row) in zip(times_ns, self.static, strict=True)]
+
+    def add_static(self, at_ns: int, row: _Row) -> None:
+        """Take a value that holds from then on."""
+        if not self.static or self.static[-1][1] != row:
+            self.static.append((at_ns, row))
+
+    def standing(self, t: FloatArray, origin_ns: int) -> _Placements:
+        """Its static values at some times, s."""
+        columns = np.array([row for _, row in self.static]).T
+        if len(self.static) == 1:
+            return _Placements(columns)
+        since_s = times_s([at_ns for at_ns, _ in self.static], origin_ns)
+        return _Placements(columns[:, np.searchsorted(since_s, t, side="right").clip(1) - 1], sampled=True)
 
     def add(self, stamp_ns: int, row: _Row) -> None:
         """Take one sample."""
@@ -236,12 +261,13 @@ class TransformTree:
         self._holes: Sequence[Span] = ()
         self._contested: Mapping[str, Sequence[Span]] = {}
 
-    def add(self, transform: Any, stamp_ns: int | None) -> None:
+    def add(self, transform: Any, stamp_ns: int, *, static: bool = False) -> None:
         """Take one `geometry_msgs/TransformStamped`.
 
         Args:
             transform: The message.
-            stamp_ns: Its time, ns; `None` for a static transform, which holds at all times.
+            stamp_ns: Its time, ns; of a static one, when it was recorded.
+            static: Whether it holds until another one replaces it.
         """
         parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
         at, turn = transform.transform.translation, transform.transform.rotation
@@ -250,8 +276,8 @@ class TransformTree:
             self._unusable[child] = self._unusable.get(child, 0) + 1
             return
         edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
-        if stamp_ns is None:
-            edge.static = row
+        if static:
+            edge.add_static(stamp_ns, row)
         else:
             edge.add(stamp_ns, row)
 
@@ -273,8 +299,8 @@ class TransformTree:
             parents: Of each transform, which name its parent has, shape (n,).
             children: Which name its child has, shape (n,).
             columns: x, y, z in m and the quaternion x, y, z, w, each of shape (n,).
-            stamps_ns: Its time, ns, shape (n,).
-            moving: Whether it holds at its time only, shape (n,); otherwise it is static.
+            stamps_ns: Its time, ns, shape (n,); of a static one, when it was recorded.
+            moving: Whether it holds at its time only, shape (n,); otherwise until another one replaces it.
             share: The share of the recording that was read, as far as is known, 0 to 1.
         """
         first: dict[str, int] = {}
@@ -303,9 +329,9 @@ class TransformTree:
             edge = self._edges.setdefault(child, {}).setdefault(parent, _Edge())
             if not all_move:
                 still = found[~moving[found]]
-                if len(still):
-                    x, y, z, a, b, c, w = (float(column[still[-1]]) for column in columns)
-                    edge.static = (x, y, z, a, b, c, w)  # the last one replaces those before, as in tf2
+                rows = zip(*(column[still].tolist() for column in columns), strict=True)
+                for at_ns, (x, y, z, a, b, c, w) in zip(stamps_ns[still].tolist(), rows, strict=True):
+                    edge.add_static(at_ns, (x, y, z, a, b, c, w))
                 found = found[moving[found]]
             if len(found):
                 edge.add_many(_even(found), stamps_ns, columns, share)
@@ -333,10 +359,10 @@ class TransformTree:
             for own, rooms in taken:
                 rooms[number] = column[own]
 
-    def retime(self, retimed: Retimed) -> None:
-        """Put all stamps on another clock."""
+    def retime(self, retimed: Retimed, of_log: Retimed) -> None:
+        """Put all stamps on another clock, and times of recording."""
         for edge in (edge for parents in self._edges.values() for edge in parents.values()):
-            edge.retime(retimed)
+            edge.retime(retimed, of_log)
 
     def settle(
         self,
@@ -428,12 +454,18 @@ class TransformTree:
             )
             return
         t, positions = self._positions(builder, origin_ns, self._edges_of(chain[:-1]))
-        constant = not any(next(iter(self._edges[one].values())).moves for one in chain[:-1])
+        constant = all(next(iter(self._edges[one].values())).stands for one in chain[:-1])
         if not len(t):
             builder.unrecorded.append(
                 f"frame {frame}: the transforms up to {self._root!r} never overlap in time"
             )
             return
+        for one in chain[:-1]:
+            values = len(next(iter(self._edges[one].values())).static)
+            message = (
+                "its static transform was told anew with another value; each holds from when it was told"
+            )
+            builder.defect("restated_transform", f"frame {one}", max(0, values - 1), message)
         contested = [span for one in chain[:-1] for span in self._contested.get(one, ())]
         holes = () if constant else self._holes
         unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}
@@ -500,7 +532,7 @@ class TransformTree:
         for settled in moving.values():
             t = t[settled.covers(t)]
         courses = [
-            moving[frame].at(t) if frame in moving else _Placements(np.array(edge.static)[:, np.newaxis])
+            moving[frame].at(t) if frame in moving else edge.standing(t, origin_ns)
             for frame, edge in chain.items()
         ]
         position: FloatArray = np.empty((len(t), 3))
