@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import ChainMap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -129,9 +129,66 @@ def _expanded(path: Path, below: tuple[Path, ...], registry: Registry) -> YamlDo
     # The hash covers the base, or an edit there would change what is read under an unchanged hash.
     both = hashlib.sha256(f"{document.sha256} extends {base.sha256}".encode()).hexdigest()
     merged = _merged(base.data, document.data)
+    _leave_out(merged, document, base.data)
     if RESTS_ON in merged:
         merged[RESTS_ON] = both_origins(base.data.get(RESTS_ON, {}), document.data.get(RESTS_ON, {}))
     return YamlDocument(merged, document.file, both, document.lines)
+
+
+def _leave_out(merged: dict[str, Any], own: YamlDocument, base: Mapping[str, Any]) -> None:
+    """Leave out the bodies that a log map gives as null, with all that speaks of them.
+
+    Raises:
+        LogMapError: The extended log map has no such body.
+    """
+    gone = {name for name, body in own.data.get("bodies", {}).items() if body is None}
+    matches = [one for section in ("frames", "models") for one in base.get(section, [])]
+    known = {*base.get("bodies", {}), *(one.get("body", one["match"]) for one in matches)}
+    for name in sorted(gone - known):
+        raise LogMapError(
+            f"{name!r} is null, and the extended log map has no body of that name",
+            file=own.file,
+            place=own.place(["bodies", name]),
+            hint=did_you_mean(name, sorted(known), what="bodies of the extended log map"),
+        )
+    own_matches = [one for section in ("frames", "models") for one in own.data.get(section, [])]
+    for name in sorted(gone & {one.get("body", one["match"]) for one in own_matches}):
+        raise LogMapError(
+            f"{name!r} is null, and a frame or model of this log map is that body",
+            file=own.file,
+            place=own.place(["bodies", name]),
+            hint="leave the line out, or give the body another name",
+        )
+    if not gone:
+        return
+    merged["bodies"] = {name: body for name, body in merged["bodies"].items() if name not in gone}
+    for section in ("frames", "models"):
+        if section in merged:
+            kept = [one for one in merged[section] if one.get("body", one["match"]) not in gone]
+            merged[section] = kept
+    read = (_spoken_of(channel, gone) for channel in merged.get("channels", []))
+    merged["channels"] = [channel for channel in read if channel is not None]
+
+
+def _spoken_of(channel: dict[str, Any], gone: Set[str]) -> dict[str, Any] | None:
+    """A channel without the signals of some bodies; `None` where nothing is left of it."""
+    signals = channel.get("signals", {})
+    left = {name: fields for name, fields in signals.items() if not _names(name, gone)}
+    if len(left) == len(signals):
+        return channel
+    others = {key: value for key, value in channel.items() if key != "signals"}
+    if left:
+        return {**others, "signals": left}
+    return others if others.keys() & _READ else None
+
+
+_READ = {"decoder", "event", "facts", "poses"}
+"""What a channel is read for, but for its signals."""
+
+
+def _names(signal: str, bodies: Set[str]) -> bool:
+    """Whether the name of a signal speaks of one of some bodies."""
+    return any(part.partition("::")[0] in bodies for part in signal.split("/")[1:])
 
 
 def stand_alone(path: Path) -> bytes:
@@ -192,7 +249,15 @@ def _parsed(document: YamlDocument) -> LogMap:
     bodies = {
         key: Body(key, b["kind"], _number_or_none(b.get("radius_m")))
         for key, b in data.get("bodies", {}).items()
+        if b is not None
     }
+    for name in data.get("bodies", {}).keys() - bodies.keys():
+        raise LogMapError(
+            f"{name!r} is null, and there is no extended log map that it could be left out of",
+            file=document.file,
+            place=document.place(["bodies", name]),
+            hint="give its kind, or leave the line out",
+        )
     log_map = LogMap(
         id=data["id"],
         channels=tuple(_channel(document, i, c, bodies) for i, c in enumerate(data.get("channels", []))),

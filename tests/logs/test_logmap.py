@@ -308,6 +308,53 @@ def test_a_mistake_is_told_with_its_place_its_cause_and_a_remedy(
     assert hint in error.hint
 
 
+def extending(folder: Path, own: str) -> Path:
+    (folder / "base.yaml").write_text(SOUND, encoding="utf-8")
+    path = folder / "own.yaml"
+    path.write_text(f"extends: ./base.yaml\nid: own\ntitle: Own\nsource: a test\n{own}", encoding="utf-8")
+    return path
+
+
+def test_a_body_of_the_extended_log_map_is_left_out_with_all_that_speaks_of_it(tmp_path: Path) -> None:
+    whole = load_log_map(extending(tmp_path, ""))
+    found = load_log_map(extending(tmp_path, "bodies: {human: null, person: {kind: human}}\n"))
+    alone = load_log_map(extending(tmp_path, "bodies: {human: null, robot: null}\n"))
+
+    assert [body.id for body in whole.bodies] == ["robot", "human"]
+    assert [body.id for body in found.bodies] == ["robot", "person"]
+    assert [s.signal for c in found.channels for s in c.signals] == ["position/robot"]
+    assert [c.topic for c in alone.channels] == ["/events"]  # nothing is left of the other one
+    assert found.models == whole.models
+
+
+@pytest.mark.parametrize(
+    ("own", "cause", "hint"),
+    [
+        (
+            "bodies: {humn: null}\n",
+            "'humn' is null, and the extended log map has no body",
+            "did you mean 'human'?",
+        ),
+        (
+            "bodies: {human: null}\nframes: [{match: ann, kind: human, body: human}]\n",
+            "'human' is null, and a frame or model of this log map is that body",
+            "give the body another name",
+        ),
+    ],
+)
+def test_a_body_that_cannot_be_left_out_is_named(tmp_path: Path, own: str, cause: str, hint: str) -> None:
+    with pytest.raises(LogMapError) as refused:
+        load_log_map(extending(tmp_path, own))
+    assert cause in refused.value.cause
+    assert hint in refused.value.hint
+    assert refused.value.place.startswith("line 5, $.bodies.")
+
+
+def test_without_an_extended_log_map_there_is_nothing_to_leave_out(written: Path) -> None:
+    error = refusal(written, "  human: {kind: human}", "  human: null")
+    assert error.cause == "'human' is null, and there is no extended log map that it could be left out of"
+
+
 def test_an_unknown_log_map_is_answered_with_the_nearest_one() -> None:
     with pytest.raises(LogMapError, match="there is no log map 'ariac202'") as refused:
         load_log_map("ariac202")

@@ -237,6 +237,46 @@ def test_a_state_of_the_competition_under_another_name_is_a_row_to_take(tmp_path
     assert open_trial(drafted.log, log_map=drafted.file).started_s == pytest.approx(0.5)
 
 
+def test_people_who_are_chosen_take_the_place_of_those_of_the_extended_log_map(tmp_path: Path) -> None:
+    """Its one human is not recorded, and would leave all that is asked of humans open."""
+    motion = frames(torso_base=swinging, ann=walking, bob=walking)
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
+    drafted = Drafted(
+        tmp_path, [*given, *motion], "--extends", "ariac2020", "--human", "ann", "--human", "bob"
+    )
+
+    assert drafted.code == 0
+    assert yaml.safe_load(drafted.text)["bodies"] == {"human": None}
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert sorted(body.id for body in trial.bodies_of("human")) == ["ann", "bob"]
+
+
+def test_models_take_the_place_of_frames_that_are_not_recorded(tmp_path: Path) -> None:
+    """The log map of 2020 knows robots and people as frames and as models; here they are models."""
+    states = [
+        Recorded(
+            "/gazebo/model_states",
+            "gazebo_msgs/msg/ModelStates",
+            t_ns,
+            {
+                "name": ["gantry", "person_1"],
+                "pose": [
+                    {"position": xyz(course(t_s)), "orientation": {"w": 1.0}}
+                    for course in (swinging, walking)
+                ],
+                "twist": [{}, {}],
+            },
+        )
+        for t_s, t_ns in stamps()
+    ]
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
+    drafted = Drafted(tmp_path, [*given, *states], "--extends", "ariac2020")
+
+    assert yaml.safe_load(drafted.text)["bodies"] == {"human": None, "robot": None}
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert [body.id for body in trial.bodies] == ["gantry", "person_1"]
+
+
 def test_a_log_map_in_a_file_is_extended_from_where_the_draft_lies(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text("{id: base, title: t, source: s}", encoding="utf-8")
     (tmp_path / "maps").mkdir()

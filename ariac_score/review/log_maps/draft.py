@@ -122,6 +122,12 @@ class _Base:
         return found
 
     @property
+    def unseen(self) -> list[str]:
+        """The bodies that it expects beside others of their kind, and finds no signal of."""
+        seen = {one for ids in self.bodies.values() for one in ids}
+        return [body.id for body in self.trial.bodies if body.kind in self.bodies and body.id not in seen]
+
+    @property
     def reads(self) -> int:
         """How many messages about the work it understands."""
         return len(self.trial.work) + len(self.trial.submissions) + len(self.trial.events)
@@ -218,7 +224,7 @@ def draft_log_map(
     writing = Writing(
         name=bundle.root.name,
         survey=drafting.survey,
-        extends=None if base is None else Extended(_from(base.name, folder), base.log_map),
+        extends=None if base is None else Extended(_from(base.name, folder), base.log_map, base.unseen),
         root=root,
         stamp=stamp,
         candidates=candidates,
@@ -229,7 +235,7 @@ def draft_log_map(
     )
     anywhere = writing
     if base is not None:
-        anywhere = replace(writing, extends=Extended(_from(base.name, None), base.log_map))
+        anywhere = replace(writing, extends=Extended(_from(base.name, None), base.log_map, base.unseen))
     return Draft(writing.text, anywhere.text, tuple(drafting.open), tuple(drafting.decided))
 
 

@@ -21,10 +21,12 @@ class Extended:
     Attributes:
         name: As the draft names it.
         log_map: What it says.
+        unseen: The bodies that it expects in the recording, and of which nothing is there.
     """
 
     name: str
     log_map: LogMap
+    unseen: Sequence[str] = ()
 
     @property
     def topics(self) -> set[str]:
@@ -127,6 +129,22 @@ class Writing:
         bodies = [(body, role) for role, _, body in self._chosen("topic")]
         for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
             yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
+        for body in self._replaced():
+            yield f"  {_scalar(body)}: null    # of the extended log map, and not in this recording"
+
+    def _replaced(self) -> Iterator[str]:
+        """The bodies of the extended log map in whose place others are chosen here."""
+        if self.extends is None:
+            return
+        log_map = self.extends.log_map
+        chosen = [(role, body) for s in ("frame", "model", "topic") for role, _, body in self._chosen(s)]
+        roles, names = {role for role, _ in chosen}, {body for _, body in chosen}
+        known = {body.id: body.kind for body in log_map.bodies}
+        for match in (*log_map.frames, *log_map.models):
+            if not set("*?[") & set(match.body or match.match):
+                known.setdefault(match.body or match.match, match.kind)
+        replaced = [body for body, kind in known.items() if kind in roles]
+        yield from (body for body in dict.fromkeys([*replaced, *self.extends.unseen]) if body not in names)
 
     def _channels(self) -> Iterator[str]:
         stamp = ", stamp: log" if self.stamp else ""
