@@ -210,7 +210,8 @@ class TrialBuilder:
             raise LogError(
                 f"signal {name!r} is recorded twice",
                 file=self.file,
-                hint="the log map leads two topics to one signal; map one of them, or record one of them",
+                hint="the log map leads two topics, frames or models to one signal: map one of them, or, "
+                "where they are parts of one body, name them as its links",
             )
 
     def build(self) -> Trial:

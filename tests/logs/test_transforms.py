@@ -139,6 +139,18 @@ def test_a_static_transform_holds_until_another_one_replaces_it_and_not_before(
     assert sum(one.count for one in builder._defects.values() if one.kind == "restated_transform") == restated
 
 
+def test_why_a_frame_that_was_recorded_is_nowhere_is_said() -> None:
+    unusable = tree_of(*((float(k), transform("world", "torso", (math.nan, 0, 0))) for k in range(3)))
+    twice = tree_of(*((float(k), transform("world", "torso", (x, 0, 0))) for k in range(3) for x in (1, 2)))
+
+    assert settled(unusable).unrecorded == [
+        "frame torso: none of the 3 transforms of 'torso' can be used",
+    ]
+    assert settled(twice).unrecorded == [
+        "frame torso: the transforms of 'torso' contradict each other at each of their stamps",
+    ]
+
+
 def test_static_values_come_to_another_clock_by_when_they_were_recorded() -> None:
     tree = tree_of(*((float(k), transform("cart", "torso", (0, 0, 0))) for k in range(4)))
     for at_s, x in ((100.0, 1.0), (104.0, 2.0)):  # of a simulation at half the pace of the recorder's clock

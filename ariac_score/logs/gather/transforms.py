@@ -393,8 +393,14 @@ class TransformTree:
             found = list(self._matched(match))
             if not found:
                 self.unmatched.append(match)
+                unusable = sorted(one for one in self._unusable if match.body_for(one))
                 there = nearest(match.match, sorted(self.names()), what="recorded frames")
-                builder.unrecorded.append(f"frame {match.match}: no recorded frame matches; {there}")
+                why = f"no recorded frame matches; {there}"
+                if unusable:
+                    why = (
+                        f"none of the {self._unusable[unusable[0]]} transforms of {unusable[0]!r} can be used"
+                    )
+                builder.unrecorded.append(f"frame {match.match}: {why}")
             for frame, body in found:
                 self._settle_frame(builder, origin_ns, frame, body, match.rate_hz)
 
@@ -456,9 +462,11 @@ class TransformTree:
         t, positions = self._positions(builder, origin_ns, self._edges_of(chain[:-1]))
         constant = all(next(iter(self._edges[one].values())).stands for one in chain[:-1])
         if not len(t):
-            builder.unrecorded.append(
-                f"frame {frame}: the transforms up to {self._root!r} never overlap in time"
-            )
+            empty = [one for one in chain[:-1] if one in self._settled and not len(self._settled[one].t)]
+            why = f"the transforms up to {self._root!r} never overlap in time"
+            if empty:
+                why = f"the transforms of {empty[0]!r} contradict each other at each of their stamps"
+            builder.unrecorded.append(f"frame {frame}: {why}")
             return
         for one in chain[:-1]:
             values = len(next(iter(self._edges[one].values())).static)
