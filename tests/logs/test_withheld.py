@@ -487,6 +487,18 @@ def test_a_start_behind_a_long_silence_is_not_known(
     assert trial.ended_s == pytest.approx(silent_s + 1.0)
 
 
+@pytest.mark.parametrize(
+    ("words", "noted"),
+    [(("init", "go", "go", "done"), {}), (("init", "go", "init", "go", "done"), {"runs_again": 1})],
+)
+def test_a_competition_that_is_interrupted_and_runs_again_is_noted(
+    tmp_path: Path, words: Sequence[str], noted: dict[str, int]
+) -> None:
+    trial = read(tmp_path / "t.bag", list(states(*words)), STATES)
+
+    assert defects(trial) == noted
+
+
 def test_a_competition_that_runs_again_after_its_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         LogError, match=r"/state says at 0\.300 s that the competition runs.* 0\.200 s .* over"

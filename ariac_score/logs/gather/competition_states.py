@@ -73,6 +73,12 @@ def changes(
                 file=builder.file,
                 hint="two publishers contradict each other, or it holds two trials: score them one by one",
             )
+        if state == COMPETITION_STARTED and before is None and first is not None and place > first:
+            message = (
+                f"it says at {item.t_s:.3f} s once more that the competition runs, after a word that means "
+                "neither that nor its end: the simulation may have been reset; what was before counts as well"
+            )
+            builder.defect("runs_again", topic, 1, message)
         if late and place == 0:
             message = (
                 "its first message already says that the competition runs: it started before the recording, "
