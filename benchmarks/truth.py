@@ -21,7 +21,8 @@ The recorders:
     late      stamped on arrival, up to 30 ms late, which the rules state as `time_error_s`
     bursts    nothing for a while, then the newest alone
     drops     15 % are lost
-    killed    likewise, and nothing of the last fifth, nor of the end
+    killed    likewise, and nothing of the last fifth, nor of the end; up to there it says ten times a second
+              that it runs
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED, Eve
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span
-from ariac_score.trial.window import stated_late, with_window
+from ariac_score.trial.window import RAN, stated_late, stated_on, with_window
 
 STEP_S = 0.001
 HUMAN_M_S, ROBOT_M_S = 1.6, 1.0
@@ -81,6 +82,8 @@ score: 20 * gate(human_contact) / (1 + 0.4 * demerits(separation, tau_s=5) + sec
 """
 
 RATES_HZ = (2.0, 5.0, 10.0, 25.0, 50.0, 100.0)
+RUNS_HZ = 10.0
+"""How often a simulator says that the competition runs."""
 MODELS = ("steady", "jitter", "late", "bursts", "drops", "killed")
 ADVERSARIES = ("the worst", "every other", "all but a few", "whatever is near", "the rest of it")
 
@@ -183,10 +186,13 @@ def robbed(random: np.random.Generator, trial: Trial, truth: Measured, adversary
 
 
 def cut_off(trial: Trial) -> Trial:
-    """The trial without its end, recorded as far as its samples go."""
+    """The trial without its end, recorded as far as its samples go; up to there it says that it runs."""
     end_s = max((float(one.t[-1]) for one in trial.signals.values() if len(one)), default=0.0)
-    span = Span(0.0, max(end_s, STEP_S))
-    return with_window(replace(trial, events=trial.events[:1], recorded=span), "")
+    span, started = Span(0.0, max(end_s, STEP_S)), trial.events[0]
+    ran_s = np.floor((end_s - started.t_s) * RUNS_HZ) / RUNS_HZ
+    told = replace(started, numbers=tuple(one for one in started.numbers if one.name != RAN))
+    told = stated_on(told, float(ran_s)) if ran_s > 0.0 else told
+    return with_window(replace(trial, events=(told,), recorded=span), "")
 
 
 def within(random: np.random.Generator, trial: Trial) -> Trial:

@@ -11,6 +11,7 @@ from ariac_score.trial.statements import BY_RULES, NOBODY, RECORDER, Statement
 from ariac_score.trial.work import announced_s
 
 __all__ = [
+    "RAN",
     "RECORDING",
     "Lasted",
     "WindowEnds",
