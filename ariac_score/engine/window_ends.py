@@ -47,7 +47,8 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
         return asked[1]
     if ends is None:
         sure = surely_of(trial)
-        certain = {} if sure is None else _by_subject(of(lasting(trial, sure)))
+        known = replace(trial, window_open="")
+        certain = {} if sure is None else _by_subject(of(lasting(known, sure)))
         return _not_certain(each.name, _by_subject(asked), certain, trial)
     shortest, longest = (of(ends.of(trial, longest=is_longest)) for is_longest in (False, True))
     lengths = [_by_subject(one) for one in (shortest, asked, longest)]

@@ -103,7 +103,7 @@ def lasting(trial: Trial, span: Span) -> Trial:
     """The trial as if the competition had been a stretch of it, exactly."""
     others = [e for e in trial.events if e.kind not in (COMPETITION_STARTED, COMPETITION_ENDED)]
     ends = (Event(span.start_s, COMPETITION_STARTED), Event(span.end_s, COMPETITION_ENDED))
-    return replace(trial, events=tuple(sorted([*others, *ends])), window_open="")
+    return replace(trial, events=tuple(sorted([*others, *ends])))
 
 
 def lasted_of(trial: Trial) -> Lasted | None:
@@ -115,7 +115,7 @@ def lasted_of(trial: Trial) -> Lasted | None:
     is_cut = trial.cut is not None and trial.cut.open_end
     if not trial.window_open and not is_cut:
         return None
-    sure = surely_of(trial)
+    sure = surely_of(trial) if None in (trial.started_s, trial.ended_s) else None
     least_s = 0.0 if sure is None else sure.duration_s
     return Lasted(least_s, None, trial.window_open or "nobody knows when the competition ended")
 
@@ -126,9 +126,12 @@ def surely_of(trial: Trial) -> Span | None:
     A recording that goes on may show what came after, and one that begins early what was before. Of what has
     a time only work is certain to have been within, and the time for which the log says that it runs.
     """
-    start_s, end_s = trial.started_s, trial.ended_s
-    if start_s is not None and end_s is not None:  # the end is not after the start
-        return None
+    ends, start_s, end_s = ends_of(trial), trial.started_s, trial.ended_s
+    if ends is not None:
+        in_order = ends.start.end_s < ends.end.start_s
+        return Span(ends.start.end_s, ends.end.start_s) if in_order else None
+    if start_s is not None and end_s is not None:  # stated, though other messages of it are missing
+        return trial.window if start_s < end_s else None
     known = [t_s for t_s in (start_s, end_s, *_of_work_s(trial)) if t_s is not None]
     if start_s is not None:
         known += [e.t_s + (e.number(RAN, unit="s") or 0.0) for e in trial.events_of(COMPETITION_STARTED)]

@@ -216,6 +216,19 @@ def scores_between(trial: Trial) -> tuple[float, float]:
     return float(found.interval.least), float(found.interval.most)
 
 
+@pytest.mark.parametrize("late_s", [(0.0, 0.0), (0.3, 0.2)])
+def test_where_messages_are_missing_all_of_it_is_open_however_well_its_ends_are_known(
+    late_s: tuple[float, float],
+) -> None:
+    """Too near from 18.805 s on; what was seen of it from 19 s to 20.5 s is certain all the same."""
+    given = at(19.0, 20.5, late_s=late_s)
+    whole = time_in_violation_s(given)
+    best_s, worst_s = open_times_s(replace(given, window_open="the log is not what its recorder received"))
+
+    assert best_s == pytest.approx(whole - sum(late_s[1:]), abs=0.011)
+    assert worst_s >= 1.5
+
+
 @pytest.mark.parametrize("collided_s", [30.9, 31.1, 36.0])
 @pytest.mark.parametrize("start", [START, stated_on(START, 35.0)])
 def test_an_event_after_an_end_that_nobody_states_is_held_against_nobody_for_certain(
