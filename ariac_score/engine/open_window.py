@@ -18,6 +18,7 @@ from ariac_score.trial.window import lacks_start
 __all__ = ["ended_at_cut", "opened_by_cut", "opened_by_window"]
 
 _RULES = "ariac_score.rules"
+_NO_START = "the log does not show the start of the competition"
 
 
 def opened_by_window(
@@ -64,7 +65,9 @@ def ended_at_cut(trial: Trial, prepared: Prepared) -> Trial:
     events = [*trial.events, Event(trial.recorded.end_s, COMPETITION_ENDED)]
     if trial.started_s is None and not lacks_start(trial, prepared.rule_set.authority.window):
         events.append(Event(trial.recorded.start_s, COMPETITION_STARTED))
-    return replace(trial, events=tuple(sorted(events)), window_open="")
+    found = replace(trial, events=tuple(sorted(events)), window_open="")
+    is_open = found.started_s is None
+    return replace(found, window_open=_NO_START) if is_open else found
 
 
 def opened_by_cut(

@@ -68,10 +68,10 @@ def _not_certain(
     """
     opened: dict[str, _Both | None] = {}
     for subject, both in asked.items():
-        within = certain.get(subject, _NOTHING)
-        if not both.is_open and _badness(within.best) < _badness(both.best):
+        within = _settled(certain.get(subject, _NOTHING).best, Verdict.SATISFIED)
+        if not both.is_open and _badness(within) < _badness(both.best):
             nothing = Finding.satisfied(subject, "what is broken may have been outside of the competition")
-            best = _settled(within.best, Verdict.SATISFIED) or (replace(nothing, check=check),)
+            best = within or (replace(nothing, check=check),)
             cause = Cause(trial.window_open, spans=() if trial.window is None else (trial.window,))
             opened[subject] = _Both(best, both.worst, (cause,), tight=False, is_open=True)
         else:

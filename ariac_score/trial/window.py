@@ -132,9 +132,12 @@ def surely_of(trial: Trial) -> Span | None:
         return Span(ends.start.end_s, ends.end.start_s) if in_order else None
     if start_s is not None and end_s is not None:  # stated, though other messages of it are missing
         return trial.window if start_s < end_s else None
-    known = [t_s for t_s in (start_s, end_s, *_of_work_s(trial)) if t_s is not None]
+    known = _of_work_s(trial)
     if start_s is not None:
+        known.append(start_s)
         known += [e.t_s + (e.number(RAN, unit="s") or 0.0) for e in trial.events_of(COMPETITION_STARTED)]
+    elif end_s is not None:  # stated late, it was at some moment since the word before
+        known = [_earliest_s(trial, COMPETITION_ENDED, end_s), *(t_s for t_s in known if t_s <= end_s)]
     return Span(min(known), max(known)) if known and min(known) < max(known) else None
 
 
