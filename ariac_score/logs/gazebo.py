@@ -112,7 +112,11 @@ class GazeboStateReader:
             builder.defect(defect.kind, defect.where, defect.count, defect.message)
         for key in sorted(states.entities):
             _add_entity(builder, states, states.entities[key], models, positions=positions)
-        add_unrecorded_links(builder, models, {one.link for one in states.entities.values() if one.link})
+        found = {
+            match for one in states.entities.values() if (both := _match(one, models)) for match in both[:1]
+        }
+        recorded = {one.link for one in states.entities.values() if one.link}
+        add_unrecorded_links(builder, [match for match in models if match in found], recorded)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
         if states.cut_off and wanted.partial:

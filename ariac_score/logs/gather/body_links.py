@@ -21,17 +21,21 @@ def add_unrecorded_links(builder: TrialBuilder, matches: Iterable[BodyMatch], na
 
     Args:
         builder: Of the trial, with the bodies and links that were recorded.
-        matches: Whom the log map names.
+        matches: Whom the log map names, of whom something was recorded.
         names: Of all recorded links, or frames.
     """
     known = sorted(names)
     for match in matches:
-        for body in [one for one in builder.bodies.values() if match.is_body(one)]:
-            for pattern in match.links:
-                link = pattern.replace("/", "_")
-                if any(fnmatchcase(own.replace("/", "_"), link) for own in body.links):
-                    continue
-                meant = f"; {nearest(pattern, known, what='recorded links')}" if known else ""
-                builder.unrecorded.append(f"link {pattern} of {body.id}: no recorded link matches{meant}")
-                if not set("*?[") & set(link):
+        bodies = [body for body in builder.bodies.values() if match.is_body(body)]
+        recorded = {own.replace("/", "_") for body in bodies for own in body.links}
+        for pattern in match.links:
+            link = pattern.replace("/", "_")
+            # The frame of a body may stand among its links; it is there as the body.
+            if match.body_for(pattern) or any(fnmatchcase(own, link) for own in recorded):
+                continue
+            meant = f"; {nearest(pattern, known, what='recorded links')}" if known else ""
+            whose = ", ".join(body.id for body in bodies)
+            builder.unrecorded.append(f"link {pattern} of {whose}: no recorded link matches{meant}")
+            if not set("*?[") & set(link):
+                for body in bodies:
                     builder.add_body(replace(body, links=(link,)))

@@ -375,8 +375,8 @@ class Collector:
             self._models.settle(builder, origin_ns, of_models)
         self._add_unrecorded_bodies(builder, due)
         self._add_unmatched(builder, (*self._tree.unmatched, *self._models.unmatched))
-        add_unrecorded_links(builder, self._wanted.log_map.frames, self._tree.names())
-        add_unrecorded_links(builder, self._wanted.log_map.models, self._models.link_names())
+        add_unrecorded_links(builder, self._tree.matched, self._tree.names())
+        add_unrecorded_links(builder, self._models.matched, self._models.link_names())
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
 

@@ -117,6 +117,11 @@ class ModelPoses:
         return {name.partition("::")[2] for name in self._tracks if "::" in name}
 
     @property
+    def matched(self) -> list[BodyMatch]:
+        """The patterns that a recorded model matches."""
+        return [match for match in self._matches if match.match in self._matched]
+
+    @property
     def unmatched(self) -> list[BodyMatch]:
         """The patterns that no recorded model matches."""
         return [m for m in self._matches if m.match not in self._matched] if self._received else []

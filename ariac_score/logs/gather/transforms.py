@@ -101,9 +101,13 @@ class _Edge:
         return self._used > 0
 
     @property
-    def stands(self) -> bool:
-        """Whether it has one value all the time."""
-        return not self.moves and len(self.static) == 1
+    def values(self) -> list[tuple[int, _Row]]:
+        """The static values in order of time, each where it is another one than that before."""
+        found: list[tuple[int, _Row]] = []
+        for at_ns, row in sorted(self.static, key=lambda one: one[0]):  # recorders write out of order
+            if not found or _turned_alike(found[-1][1]) != _turned_alike(row):
+                found.append((at_ns, row))
+        return found
 
     @property
     def stamps_ns(self) -> IntArray:
@@ -124,15 +128,21 @@ class _Edge:
 
     def add_static(self, at_ns: int, row: _Row) -> None:
         """Take a value that holds from then on."""
-        if not self.static or self.static[-1][1] != row:
+        if len(self.static) > 1 and self.static[-2][1] == self.static[-1][1] == row:
+            (first_ns, _), (last_ns, _) = self.static[
+                -2:
+            ]  # of many that are alike the first and the last one
+            self.static[-2:] = [(min(first_ns, at_ns), row), (max(last_ns, at_ns), row)]
+        else:
             self.static.append((at_ns, row))
 
     def standing(self, t: FloatArray, origin_ns: int) -> _Placements:
         """Its static values at some times, s."""
-        columns = np.array([row for _, row in self.static]).T
-        if len(self.static) == 1:
+        values = self.values
+        columns = np.array([row for _, row in values]).T
+        if len(values) == 1:
             return _Placements(columns)
-        since_s = times_s([at_ns for at_ns, _ in self.static], origin_ns)
+        since_s = times_s([at_ns for at_ns, _ in values], origin_ns)
         return _Placements(columns[:, np.searchsorted(since_s, t, side="right").clip(1) - 1], sampled=True)
 
     def add(self, stamp_ns: int, row: _Row) -> None:
@@ -257,7 +267,9 @@ class TransformTree:
         self._edges: dict[str, dict[str, _Edge]] = {}
         self._unusable: dict[str, int] = {}
         self._settled: dict[str, _Settled] = {}
+        self.matched: list[BodyMatch] = []
         self.unmatched: list[BodyMatch] = []
+        self._restated: set[str] = set()
         self._holes: Sequence[Span] = ()
         self._contested: Mapping[str, Sequence[Span]] = {}
 
@@ -391,7 +403,9 @@ class TransformTree:
             builder.defect("unusable_transforms", f"frame {child}", self._unusable[child], message)
         for match in matches:
             found = list(self._matched(match))
-            if not found:
+            if found:
+                self.matched.append(match)
+            else:
                 self.unmatched.append(match)
                 unusable = sorted(one for one in self._unusable if match.body_for(one))
                 there = nearest(match.match, sorted(self.names()), what="recorded frames")
@@ -460,7 +474,9 @@ class TransformTree:
             )
             return
         t, positions = self._positions(builder, origin_ns, self._edges_of(chain[:-1]))
-        constant = all(next(iter(self._edges[one].values())).stands for one in chain[:-1])
+        edges = {one: next(iter(self._edges[one].values())) for one in chain[:-1]}
+        moves = any(edge.moves for edge in edges.values())
+        constant = not moves and all(len(edge.values) == 1 for edge in edges.values())
         if not len(t):
             empty = [one for one in chain[:-1] if one in self._settled and not len(self._settled[one].t)]
             why = f"the transforms up to {self._root!r} never overlap in time"
@@ -468,14 +484,14 @@ class TransformTree:
                 why = f"the transforms of {empty[0]!r} contradict each other at each of their stamps"
             builder.unrecorded.append(f"frame {frame}: {why}")
             return
-        for one in chain[:-1]:
-            values = len(next(iter(self._edges[one].values())).static)
+        for one in [one for one in edges if one not in self._restated]:
+            self._restated.add(one)  # once for each frame, however many are below it
             message = (
                 "its static transform was told anew with another value; each holds from when it was told"
             )
-            builder.defect("restated_transform", f"frame {one}", max(0, values - 1), message)
+            builder.defect("restated_transform", f"frame {one}", len(edges[one].values[1:]), message)
         contested = [span for one in chain[:-1] for span in self._contested.get(one, ())]
-        holes = () if constant else self._holes
+        holes = self._holes if moves else ()
         unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}
         unknown["stated_rate_hz"] = rate_hz
         name = "::".join((body.id, *body.links))
@@ -592,6 +608,12 @@ class TransformTree:
             )
             self._settled[frame] = _Settled(settled.t, settled.values.T)
         return self._settled[frame]
+
+
+def _turned_alike(row: _Row) -> _Row:
+    """A value with the one of its two quaternions whose last number that is not 0 is positive."""
+    x, y, z, a, b, c, w = row
+    return (x, y, z, -a, -b, -c, -w) if (w, c, b, a) < (0.0, 0.0, 0.0, 0.0) else row
 
 
 def _frame(name: str) -> str:

@@ -127,6 +127,11 @@ class _Base:
         seen = {one for ids in self.bodies.values() for one in ids}
         return [body.id for body in self.trial.bodies if body.kind in self.bodies and body.id not in seen]
 
+    def extended(self, folder: Path | None) -> Extended:
+        """As a draft in a folder extends it."""
+        seen = {one for ids in self.bodies.values() for one in ids}
+        return Extended(_from(self.name, folder), self.log_map, frozenset(seen), self.unseen)
+
     @property
     def reads(self) -> int:
         """How many messages about the work it understands."""
@@ -224,7 +229,7 @@ def draft_log_map(
     writing = Writing(
         name=bundle.root.name,
         survey=drafting.survey,
-        extends=None if base is None else Extended(_from(base.name, folder), base.log_map, base.unseen),
+        extends=None if base is None else base.extended(folder),
         root=root,
         stamp=stamp,
         candidates=candidates,
@@ -235,7 +240,10 @@ def draft_log_map(
     )
     anywhere = writing
     if base is not None:
-        anywhere = replace(writing, extends=Extended(_from(base.name, None), base.log_map, base.unseen))
+        anywhere = replace(writing, extends=base.extended(None))
+    left_out = ", ".join(writing.replaced)
+    if left_out:
+        drafting.decided.append(f"without {left_out} of the extended log map: not in this recording")
     return Draft(writing.text, anywhere.text, tuple(drafting.open), tuple(drafting.decided))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from ariac_score.review.log_maps.survey import CLOCK, FRAMES, MODELS, Survey
@@ -21,11 +21,13 @@ class Extended:
     Attributes:
         name: As the draft names it.
         log_map: What it says.
-        unseen: The bodies that it expects in the recording, and of which nothing is there.
+        seen: Its bodies of which the recording has something.
+        unseen: Those that it expects in the recording, and of which nothing is there.
     """
 
     name: str
     log_map: LogMap
+    seen: Set[str] = frozenset()
     unseen: Sequence[str] = ()
 
     @property
@@ -129,13 +131,14 @@ class Writing:
         bodies = [(body, role) for role, _, body in self._chosen("topic")]
         for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
             yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
-        for body in self._replaced():
+        for body in self.replaced:
             yield f"  {_scalar(body)}: null    # of the extended log map, and not in this recording"
 
-    def _replaced(self) -> Iterator[str]:
-        """The bodies of the extended log map in whose place others are chosen here."""
+    @property
+    def replaced(self) -> list[str]:
+        """The bodies of the extended log map that are not recorded, and in whose place others are."""
         if self.extends is None:
-            return
+            return []
         log_map = self.extends.log_map
         chosen = [(role, body) for s in ("frame", "model", "topic") for role, _, body in self._chosen(s)]
         roles, names = {role for role, _ in chosen}, {body for _, body in chosen}
@@ -144,7 +147,8 @@ class Writing:
             if not set("*?[") & set(match.body or match.match):
                 known.setdefault(match.body or match.match, match.kind)
         replaced = [body for body, kind in known.items() if kind in roles]
-        yield from (body for body in dict.fromkeys([*replaced, *self.extends.unseen]) if body not in names)
+        there = names | self.extends.seen
+        return [body for body in dict.fromkeys([*replaced, *self.extends.unseen]) if body not in there]
 
     def _channels(self) -> Iterator[str]:
         stamp = ", stamp: log" if self.stamp else ""
