@@ -65,8 +65,10 @@ def without_contested(
 ) -> tuple[FloatArray, FloatArray, tuple[Disbelieved, ...]]:
     """The samples outside stretches that are contested, ends included, and what was left out for that.
 
-    Each publisher may be right there, so neither what one of them says before nor after bounds it.
+    Each publisher may be right there, so neither what one of them says before nor after bounds it. Which of
+    them has the first and the last word is chance, so the samples right beside are contested as well.
     """
+    contested = [_with_neighbours(t, span) for span in contested]
     dropped = np.zeros(len(t), dtype=bool)
     for span in contested:
         dropped |= (t >= span.start_s) & (t <= span.end_s)
@@ -81,6 +83,18 @@ def without_contested(
         ends = _ends_of(values[rows]) if rows.any() else (np.inf, -np.inf)
         left_out.append(Disbelieved(Span(start_s, end_s), at_s, 0.0, *ends, contested=True))
     return kept, values[~dropped], tuple(left_out)
+
+
+def _with_neighbours(t: FloatArray, span: Span) -> Span:
+    """A stretch with the samples right beside it, about as near as its own are to each other."""
+    inside = t[(t >= span.start_s) & (t <= span.end_s)]
+    near_s = _NEAR * float(np.diff(inside).max()) if len(inside) > 1 else 0.0
+    beside = t[(t >= span.start_s - near_s) & (t <= span.end_s + near_s)]
+    return Span(min([span.start_s, *beside[:1].tolist()]), max([span.end_s, *beside[-1:].tolist()]))
+
+
+_NEAR = 3.5
+"""Right beside a stretch is what is no further from it than so many of its longest intervals."""
 
 
 def _ends_of(values: FloatArray) -> tuple[float, float]:

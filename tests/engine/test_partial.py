@@ -10,7 +10,7 @@ import math
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,7 +18,17 @@ import lz4.frame
 import pytest
 from backports import zstd
 
-from ariac_score import LogError, Result, Trial, Verdict, load_result, score_trial
+from ariac_score import (
+    ARM_COLLISION,
+    COMPETITION_STARTED,
+    Event,
+    LogError,
+    Result,
+    Trial,
+    Verdict,
+    load_result,
+    score_trial,
+)
 from ariac_score.errors import CutOffError
 from ariac_score.report.text import score_text
 from ariac_score.results.result_file import as_json
@@ -330,6 +340,29 @@ def test_wherever_a_log_is_cut_its_interval_contains_the_score_or_it_is_refused(
             assert found is None or contains(found, log.ends)
             assert found is not None or result.missing
     assert scored >= 11  # the law would hold if all were refused
+
+
+@pytest.mark.parametrize("share", [0.4, 0.9])
+def test_where_the_start_is_not_stated_a_collision_before_all_work_may_have_been_before_it(
+    share: float, tmp_path: Path
+) -> None:
+    """Orders come from 1 s on. Of a competition that started at 0.8 s it is no collision."""
+    trial = kitting_trial()
+    others = [one for one in trial.events if one.kind != COMPETITION_STARTED]
+    collided, config = Event(0.4, ARM_COLLISION), tmp_path / "trial.yaml"
+    config.write_text(configuration(trial))
+    truth, nowhere = (
+        write_log(tmp_path / name, replace(trial, events=tuple(sorted([*others, collided, *started]))))
+        for name, started in (("truth.jsonl", [Event(0.8, COMPETITION_STARTED)]), ("trial.jsonl", []))
+    )
+    honest = ends(score_trial(truth, "paper2020.published", also=[config], root=tmp_path))
+    assert honest is not None
+    assert honest[0] > 0
+    whole = Whole(nowhere, config, honest)
+    (tmp_path / "cut").mkdir()
+
+    for log in (nowhere, whole.cut(share, tmp_path / "cut")):
+        assert contains(ends(whole.scored(log)), honest)
 
 
 REAL = Path(__file__).parents[2].parent / "shared" / "real"

@@ -194,11 +194,23 @@ def test_how_long_it_lasted_is_known_as_far_as_its_ends_are(
         ((stated_on(START, 35.0),), (0.5, 35.5)),  # so long the log says that it runs
         ((Event(13.0, COMPETITION_STARTED),), (1.0, 31.0)),  # work that is announced before opens it
         ((END,), (1.0, 38.0)),
+        ((stated_late(END, 5.0),), (1.0, 33.0)),  # at some moment since the word before
+        ((stated_late(END, 9.0),), (1.0, 31.0)),  # what was handed in was in it
         ((), (1.0, 31.0)),
         ((Event(38.0, COMPETITION_STARTED), Event(0.5, COMPETITION_ENDED)), None),
         ((Event(21.0, COMPETITION_STARTED), Event(0.2, COMPETITION_ENDED)), None),
     ],
-    ids=["no end", "it runs", "announced before", "no start", "neither", "turned round", "a stale end"],
+    ids=[
+        "no end",
+        "it runs",
+        "announced before",
+        "no start",
+        "an end that came late",
+        "before what was handed in",
+        "neither",
+        "turned round",
+        "a stale end",
+    ],
 )
 def test_certainly_within_is_what_lies_between_what_is_known_to_have_been(
     ends: Sequence[Event], sure_s: tuple[float, float] | None

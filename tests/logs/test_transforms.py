@@ -111,6 +111,9 @@ def test_every_transform_of_a_tree_comes_to_another_clock() -> None:
         ([(0.0, 1.0), (1.5, 1.1)], [1.0, 1.0, 1.1, 1.1, 1.1], 1),
         ([(0.0, 1.0), (2.0, 1.1), (3.5, 1.0)], [1.0, 1.0, 1.1, 1.1, 1.0], 2),
         ([(0.0, 1.0), (9.0, 7.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 1),  # told after all else
+        ([(0.0, 1.0), (3.5, 3.0), (1.5, 2.0)], [1.0, 1.0, 2.0, 2.0, 3.0], 2),  # written out of order
+        ([(1.5, 2.0), (0.0, 1.0), (3.5, 2.0)], [1.0, 1.0, 2.0, 2.0, 2.0], 1),
+        ([(0.0, 1.0), (3.5, 1.0), (3.6, 1.0), (1.5, 2.0)], [1.0, 1.0, 2.0, 2.0, 1.0], 2),
     ],
 )
 def test_a_static_transform_holds_until_another_one_replaces_it_and_not_before(
@@ -149,6 +152,26 @@ def test_why_a_frame_that_was_recorded_is_nowhere_is_said() -> None:
     assert settled(twice).unrecorded == [
         "frame torso: the transforms of 'torso' contradict each other at each of their stamps",
     ]
+
+
+@pytest.mark.parametrize(
+    ("again", "turn", "restated"), [(1.0, (0, 0, 0, 1), 0), (1.0, (0, 0, 0, -1), 0), (2.0, (0, 0, 0, 1), 1)]
+)
+def test_a_transform_that_is_told_anew_counts_once_and_as_one_where_it_differs(
+    again: float, turn: Turn, restated: int
+) -> None:
+    """A rotation has two quaternions; and what is above several links is restated once."""
+    tree = tree_of(*((float(k), transform("cart", "torso", (0, 0, 0))) for k in range(3)))
+    for k in range(3):
+        tree.add(transform("torso", "hand", (0, 1, 0)), k * 10**9)
+    tree.add(transform("world", "cart", (1, 0, 0)), 0, static=True)
+    tree.add(transform("world", "cart", (again, 0, 0), turn), 10**9, static=True)
+
+    found = settled(tree, BodyMatch("torso", "robot", "gantry", links=("hand",)))
+
+    assert [(one.kind, one.where, one.count) for one in found._defects.values()] == [
+        ("restated_transform", "frame cart", 1)
+    ][:restated]
 
 
 def test_static_values_come_to_another_clock_by_when_they_were_recorded() -> None:

@@ -157,11 +157,27 @@ def test_two_publishers_of_one_topic_leave_the_time_unknown_in_which_both_send(t
     trial = read(tmp_path / "t.bag", [*places(publisher="/tracker"), *other], PLACE)
     signal = trial.signals["position/human"]
 
-    assert signal.gaps(Span(0.0, 0.99), max_gap_s=0.3) == [Span(0.4, 0.6)]
+    # Who has the last word is chance: what is right beside the stretch is contested as well.
+    assert signal.gaps(Span(0.0, 0.99), max_gap_s=0.3) == [Span(0.38, 0.62)]
     assert (signal.values[:, 1] == 0.0).all()
     assert defects(trial)["two_publishers"] == 20
     (said,) = (d.message for d in trial.log_defects if d.kind == "two_publishers")
     assert "/ghost (20) and /tracker (100), from 0.405 to 0.595 s" in said
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_of_two_who_contest_each_other_to_the_end_nobody_has_the_last_word(
+    tmp_path: Path, after: int
+) -> None:
+    """The second one is five metres away; which message of whom was recorded last is chance."""
+    tracker = list(places(publisher="/tracker"))
+    other = list(places(50, since_ns=505_000_000, y=5.0, publisher="/ghost"))
+
+    trial = read(tmp_path / "t.bag", [*(tracker[:-after] if after else tracker), *other], PLACE)
+
+    signal = trial.signals["position/human"]
+    assert (signal.values[:, 1] == 0.0).all()
+    assert signal.t.max() == pytest.approx(0.48)
 
 
 def test_a_publisher_that_is_started_again_is_no_second_one(tmp_path: Path) -> None:
@@ -249,7 +265,7 @@ def test_a_ghost_does_not_bound_a_distance_that_another_measures_rarely(
         between=between_samples({}, {"human": SLOW, "robot": SLOW}),
     )
 
-    assert times_in_violation_s(trial, NEAR, "separation") == pytest.approx((0.0, 2.01), abs=0.02)
+    assert times_in_violation_s(trial, NEAR, "separation") == pytest.approx((0.0, 2.01), abs=0.08)
 
 
 SLOW = {"max_speed_m_s": 0.5, "source": "a test"}
@@ -289,7 +305,7 @@ def test_a_ghost_does_not_bound_a_speed_by_how_fast_that_can_change(
         ),
     )
 
-    assert times_in_violation_s(trial, ReducedSpeed(), "speed") == pytest.approx(expected_s, abs=0.03)
+    assert times_in_violation_s(trial, ReducedSpeed(), "speed") == pytest.approx(expected_s, abs=0.09)
 
 
 def test_silence_after_two_who_contest_each_other_is_bounded_by_neither(tmp_path: Path) -> None:
@@ -327,7 +343,7 @@ def test_two_publishers_of_one_transform_contradict_each_other(tmp_path: Path) -
 
     trial = read(tmp_path / "t.bag", [*cart, *person, *ghost], FRAMES)
 
-    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.5) == [Span(0.3, 0.4)]
+    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.5) == [Span(0.28, 0.42)]
     # Other transforms of the topic are the word of one.
     assert trial.signals["position/robot"].gaps(Span(0.0, 0.99), max_gap_s=0.05) == []
     assert [(d.kind, d.where) for d in trial.log_defects] == [("two_publishers", "frame person")]
@@ -586,6 +602,50 @@ def test_a_link_that_the_log_map_names_and_no_frame_is_does_not_vanish(
     assert (None if distance is None else float(distance.values[0])) == expected_m
 
 
+@pytest.mark.parametrize(
+    "frames",
+    [
+        (BodyMatch("base", "robot", "robot", links=("base", "hand")),),  # its own frame among its links
+        (  # two names that its base may have, and one of them is there
+            BodyMatch("base", "robot", "robot", links=("hand",)),
+            BodyMatch("base_link", "robot", "robot", links=("tool0",)),
+        ),
+        (BodyMatch("b?se", "robot", "", links=("hand", "base")),),
+    ],
+    ids=["its own frame", "another name of it", "a pattern"],
+)
+def test_a_link_that_was_recorded_or_is_of_nobody_who_was_leaves_nothing_open(
+    tmp_path: Path, frames: tuple[BodyMatch, ...]
+) -> None:
+    places_m = (("base", "world", 0.0), ("hand", "base", 2.7))
+    given = [
+        moved(name, parent, x_m, START_NS + i * STEP_NS) for i in range(9) for name, parent, x_m in places_m
+    ]
+    path = write_bag(tmp_path / "t.bag", given, storage="ros1")
+
+    trial = RosbagReader().read(path, Wanted(LogMap("t", (FRAMES,), frames=frames), frozenset({"position"})))
+
+    (robot,) = trial.bodies_of("robot")
+    assert robot.links == ("hand",)
+    assert not [line for line in trial.unrecorded if line.startswith("link")]
+
+
+def test_each_robot_of_a_pattern_has_its_own_links(tmp_path: Path) -> None:
+    frames = (BodyMatch("ur?_base", "robot", links=("ur1_tool", "ur2_tool")),)
+    given = [
+        moved(name, parent, 1.0, START_NS + i * STEP_NS)
+        for i in range(9)
+        for k in (1, 2)
+        for name, parent in ((f"ur{k}_base", "world"), (f"ur{k}_tool", f"ur{k}_base"))
+    ]
+    path = write_bag(tmp_path / "t.bag", given, storage="ros1")
+
+    trial = RosbagReader().read(path, Wanted(LogMap("t", (FRAMES,), frames=frames), frozenset({"position"})))
+
+    assert [body.links for body in trial.bodies] == [("ur1_tool",), ("ur2_tool",)]
+    assert not trial.unrecorded
+
+
 @pytest.mark.parametrize(("frame", "refused"), [("camera", True), ("world", False), ("/world", False)])
 def test_positions_in_two_frames_are_never_subtracted(tmp_path: Path, frame: str, refused: bool) -> None:
     robot = [moved("cart", "world", 3.0, START_NS + i * STEP_NS) for i in range(100)]
@@ -669,7 +729,7 @@ def test_a_frame_that_moved_twice_as_two_publishers_said_places_nobody(tmp_path:
 
     trial = read(tmp_path / "t.bag", [*cart, *camera, *ghost, *in_frame("camera", places())], PLACE, FRAMES)
 
-    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.05) == [Span(0.3, 0.4)]
+    assert trial.signals["position/human"].gaps(Span(0.0, 0.99), max_gap_s=0.05) == [Span(0.26, 0.44)]
 
 
 def test_formulas_and_shares_of_time_leave_open_what_a_signal_leaves_open() -> None:

@@ -251,6 +251,19 @@ def test_people_who_are_chosen_take_the_place_of_those_of_the_extended_log_map(t
     assert sorted(body.id for body in trial.bodies_of("human")) == ["ann", "bob"]
 
 
+def test_whom_the_extended_log_map_reads_in_the_recording_stays(tmp_path: Path) -> None:
+    """Snapshots tell of its human, and two frames are chosen beside them."""
+    motion = frames(torso_base=swinging, ann=walking, bob=walking)
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic != "/tf"]
+    drafted = Drafted(
+        tmp_path, [*given, *motion], "--extends", "ariac2020", "--human", "ann", "--human", "bob"
+    )
+
+    assert "bodies" not in yaml.safe_load(drafted.text)
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert sorted(body.id for body in trial.bodies_of("human")) == ["ann", "bob", "human"]
+
+
 def test_models_take_the_place_of_frames_that_are_not_recorded(tmp_path: Path) -> None:
     """The log map of 2020 knows robots and people as frames and as models; here they are models."""
     states = [
