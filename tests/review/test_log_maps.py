@@ -167,6 +167,23 @@ def test_one_motion_in_two_places_is_one_body_and_two_motions_of_one_name_are_a_
     assert "left out: the same motion as frame human_base" in same.text
 
 
+def test_of_one_motion_on_two_topics_the_one_with_stamps_of_its_own_is_taken(tmp_path: Path) -> None:
+    fast = [
+        Recorded(
+            "/a/human",
+            "geometry_msgs/msg/Pose",
+            t_ns,
+            {"position": xyz(walking(t_s)), "orientation": {"w": 1.0}},
+        )
+        for t_s, t_ns in stamps()
+    ]
+    drafted = Drafted(tmp_path, [*fast, *poses("/b/human", walking), *poses("/arm", swinging)])
+
+    taken = {channel["topic"] for channel in yaml.safe_load(drafted.text)["channels"]}
+    assert taken == {"/b/human", "/arm"}
+    assert "stamped when it arrived; left out: the same motion as topic /b/human" in drafted.text
+
+
 def test_positions_of_another_frame_are_shown_and_never_taken(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -94,7 +94,13 @@ class Candidate:
             motion = f"moves {self.moved_m:.2f} m, at most {self.fastest_m_s:.2f} m/s"
         else:
             motion = "stays where it is, its links move" if self.moves else "does not move"
-        return f"{self.source} {self.name}: {motion}{rate}"
+        late = ", stamped when it arrived" if self.is_late else ""
+        return f"{self.source} {self.name}: {motion}{rate}{late}"
+
+    @property
+    def is_late(self) -> bool:
+        """Whether its places have the times at which they were recorded, by which it seems to jump."""
+        return self.signal is not None and self.signal.stamp_jitter_s > 0.0
 
 
 @dataclass(frozen=True)
@@ -368,7 +374,7 @@ def _choice(role: str, candidates: Sequence[Candidate]) -> Choice:
     leading = [c for c in candidates if best and _rank(c, role) == best]
     firsts: list[Candidate] = []
     others: dict[str, str] = {}
-    for one in sorted(leading, key=lambda c: ("frame", "model", "topic").index(c.source)):
+    for one in sorted(leading, key=lambda c: (("frame", "model", "topic").index(c.source), c.is_late)):
         twin = next((first for first in firsts if _same(one, first)), None)
         if twin is None:
             firsts.append(one)
