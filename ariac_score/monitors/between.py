@@ -79,8 +79,7 @@ def worlds_between(
         yield from seen
         return
     unseen = Unseen(trial, assumed, window, max_gap_s)
-    streams = {one.signal.name: one for signal in signals.values() for one in unseen.streams(signal)}
-    opened = [one for one in streams.values() if one.open.any()]
+    opened = [one for one in unseen.all_streams(signals.values()) if one.open.any()]
     filled = _filled(unseen, signals, opened, window) if opened and judge is not None else None
     if not opened:
         yield from seen
@@ -108,7 +107,8 @@ def _filled(
 ) -> FilledSignals | None:
     """Both ends of all signals; `None` where nothing bounds one of them."""
     rate_m_s = max(unseen.rate_m_s(signal) for signal in signals.values())
-    cells: Cells = cells_of(window, [signal.t for signal in signals.values()], opened, rate_m_s)
+    measured = [t for signal in signals.values() for t in unseen.measured(signal)]
+    cells: Cells = cells_of(window, measured, opened, rate_m_s)
     ends = {name: unseen.bounds(signal, cells) for name, signal in signals.items()}
     known = {name: both for name, both in ends.items() if both is not None}
     if len(known) < len(ends):

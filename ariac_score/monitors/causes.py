@@ -40,7 +40,7 @@ def causes_of_cells(
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             stored = spans if len(spans) <= MOST_SPANS else merged(spans, within_s=TOLERANCE_S)[:MOST_SPANS]
             own = [stream for stream in opened if _source(stream.signal) == source]
-            remarks_of = (late.get(source, ""), _thinned(own), _outermost(own, spans))
+            remarks_of = (late.get(source, ""), _thinned(own), _outermost(own, spans), _instead(own))
             words = f"{gaps_in_words(spans)} {places[source]}{''.join(remarks_of)}"
             found.append(Cause(words, source, tuple(stored)))
     return (*found, *(Cause(remark) for remark in remarks))
@@ -89,3 +89,9 @@ def _thinned(own: Sequence[Stream]) -> str:
     """That a source is recorded less often than it is published, in words; empty where it is not."""
     published_s = max((one.published_s for one in own), default=0.0)
     return f", which is published every {1000.0 * published_s:g} ms" if published_s else ""
+
+
+def _instead(own: Sequence[Stream]) -> str:
+    """That a source stands for a topic that was not recorded, in words; empty where it does not."""
+    topics = sorted({one.stands_for for one in own} - {""})
+    return f", which stand for {' and '.join(topics)}, not recorded" if topics else ""

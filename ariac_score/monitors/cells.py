@@ -41,11 +41,13 @@ class Stream:
         open: Which intervals are open, shape (n + 1,).
         published_s: How far apart its samples would be as an organiser states it, s, where they are much
             further apart in this recording; 0 otherwise.
+        stands_for: The topic that would show the same and is not recorded; empty: it stands for itself.
     """
 
     signal: Signal
     open: BoolArray
     published_s: float = 0.0
+    stands_for: str = ""
 
     @property
     def t(self) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from ariac_score.trial.bounds import BetweenSamples, MotionBound
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, within_spans
 from ariac_score.trial.vectors import lengths
 from ariac_score.trial.vocabulary import quantity_of, signal_in_words, subject_of
 
@@ -39,6 +40,30 @@ FAR_M = 1e6
 DISTANCES = ("centre_distance", "centre_distance_2d", "separation", "body_separation")
 SPEEDS = ("speed", "tcp_speed")
 APPROACHES = ("approach_speed_robot", "approach_speed_human")
+
+
+ALIKE: Mapping[str, float] = MappingProxyType(
+    {**dict.fromkeys(DISTANCES, 0.01), **dict.fromkeys(SPEEDS, 0.02)}
+)
+"""Two sources that say the same differ by no more, m or m/s: late stamps, and speeds over several samples. A
+distance of surfaces differs by far more from one of centres. Our choice."""
+_FEWEST_ALIKE, _SHARE_ALIKE = 20, 0.95
+
+
+def say_the_same(recorded: Signal, twin: Signal) -> bool:
+    """Whether a recorded signal and the same as it follows from others agree where both were sampled."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = twin.values
+    except ValueError:  # positions so far away that their distances are no numbers
+        return False
+    if recorded.values.ndim > 1 or values.ndim > 1 or not len(twin):
+        return False
+    both = (recorded.t >= twin.t[0]) & (recorded.t <= twin.t[-1])
+    if np.count_nonzero(both) < _FEWEST_ALIKE:
+        return False
+    apart = np.abs(recorded.values[both] - np.interp(recorded.t[both], twin.t, values))
+    return bool(np.quantile(apart, _SHARE_ALIKE) <= ALIKE[quantity_of(recorded.name)])
 
 
 # Samples around cells --------------------------------------------------------------------------
@@ -151,12 +176,75 @@ class Unseen:
     max_gap_s: float
     remarks: dict[str, None] = field(default_factory=dict)
     _streams: dict[str, Stream] = field(default_factory=dict)
+    _twins: dict[str, Signal | None] = field(default_factory=dict)
+    _stand_ins: dict[bool, Unseen] = field(default_factory=dict)
 
     # Where a signal is from -------------------------------------------------------------------
 
     def streams(self, signal: Signal) -> list[Stream]:
         """The recorded streams that a signal follows from; itself where it is recorded."""
+        topic = self._stands_in_for(signal)
+        if topic:
+            return [replace(one, stands_for=topic) for one in self._as_stand_in(signal)._own_streams(signal)]
+        return self._own_streams(signal)
+
+    def _own_streams(self, signal: Signal) -> list[Stream]:
         return [self._stream(one) for one in self._recorded(signal)]
+
+    def all_streams(self, signals: Iterable[Signal]) -> list[Stream]:
+        """Those of several signals, each once, with every interval that is open for one of them."""
+        found: dict[str, Stream] = {}
+        for one in (stream for signal in signals for stream in self.streams(signal)):
+            known = found.setdefault(one.signal.name, one)
+            if np.count_nonzero(one.open) > np.count_nonzero(known.open):
+                found[one.signal.name] = one
+        return list(found.values())
+
+    def measured(self, signal: Signal) -> list[FloatArray]:
+        """When it was measured, and in its open intervals when what else shows the same was, each s."""
+        twin = self._twin(signal)
+        if twin is None:
+            return [signal.t]
+        others = [one.t for one in self._as_stand_in(twin)._own_streams(twin)]
+        (own,) = self._own_streams(signal)
+        return [signal.t, *(t[own.open[own.t.searchsorted(t, side="right")]] for t in others)]
+
+    # What else shows the same -----------------------------------------------------------------
+
+    def _stands_in_for(self, signal: Signal) -> str:
+        """The topic that would have recorded a signal and is not there; empty: none."""
+        return self.trial.stand_ins.get(signal.name, "") if isinstance(signal, Computed) else ""
+
+    def _twin(self, signal: Signal) -> Signal | None:
+        """The same as it follows from others, where both say the same; `None`: nothing else shows it."""
+        if signal.name not in self._twins:
+            twin = None if isinstance(signal, Computed) else self.trial.twins.get(signal.name)
+            opened = twin is not None and any(one.open.any() for one in self._own_streams(signal))
+            alike = opened and twin is not None and say_the_same(signal, twin)
+            self._twins[signal.name] = twin if alike else None
+        return self._twins[signal.name]
+
+    def _as_stand_in(self, signal: Signal) -> Unseen:
+        """How to ask what stands in for a source: it may have gone anywhere between its own samples."""
+        every = self.assumed.every or quantity_of(signal.name) in DISTANCES
+        if every not in self._stand_ins:
+            remarks = self.remarks if self._stands_in_for(signal) else {}
+            assumed = replace(self.assumed, every=every)
+            self._stand_ins[every] = Unseen(self.trial, assumed, self.window, self.max_gap_s, remarks)
+        return self._stand_ins[every]
+
+    def _standing_in(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
+        """The least and the most of what stands in for a source, as far as the two may differ."""
+        found = self._as_stand_in(signal)._own_bounds(signal, cells)
+        apart = ALIKE.get(quantity_of(signal.name))
+        if found is None or apart is None:
+            return found
+        least, most = found
+        if quantity_of(signal.name) in SPEEDS:
+            for one in self._own_streams(signal):
+                slowest, fastest = _by_intervals(one, cells)
+                least, most = np.fmin(least, slowest), np.fmax(most, fastest)
+        return np.maximum(least - apart, 0.0), most + apart
 
     def _stream(self, signal: Signal) -> Stream:
         if signal.name not in self._streams:
@@ -215,11 +303,28 @@ class Unseen:
         """The least and the most of a signal in each cell; `None` where nothing bounds it.
 
         Where it is measured both are its value at the beginning of the cell, which stands until the next.
+        Where it was recorded and is open, what else shows the same bounds it too.
         """
+        if self._stands_in_for(signal):
+            return self._standing_in(signal, cells)
+        found, twin = self._own_bounds(signal, cells), self._twin(signal)
+        both = None if found is None or twin is None else self._standing_in(twin, cells)
+        if found is None or both is None:
+            return found
+        least, most = found
+        low, high = np.maximum(least, both[0]), np.minimum(most, both[1])
+        # Where its own samples are not believed, or known to be lost, another source settles nothing.
+        doubted = [*signal.holes, *(one.span for one in signal.disbelieved)]
+        agree = (least < most) & (low <= high) & ~within_spans((cells.t + cells.end) / 2.0, doubted)
+        return np.where(agree, low, least), np.where(agree, high, most)
+
+    def _own_bounds(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         quantity, motion = quantity_of(signal.name), self.motion(signal.name)
         if motion is None or not (len(signal) or isinstance(signal, Computed)):
             return None
-        sides = [_Sides.of(stream, cells, self.error_s(stream.signal)) for stream in self.streams(signal)]
+        sides = [
+            _Sides.of(stream, cells, self.error_s(stream.signal)) for stream in self._own_streams(signal)
+        ]
         is_open = np.any([one.open for one in sides], axis=0)
         if isinstance(signal, Computed):
             is_open |= self._is_apart(signal, cells)
@@ -427,6 +532,23 @@ def _speed_of_places(
         low = ends[1][0] - ends[1][1]
     high = np.where(np.isfinite(high), np.minimum(high, top), top)
     return np.where(np.isfinite(low), np.maximum(low, 0.0), 0.0), high
+
+
+def _by_intervals(stream: Stream, cells: Cells) -> tuple[FloatArray, FloatArray]:
+    """The least and the most mean speed in the interval around each cell and its neighbours, m/s.
+
+    A speed over several intervals smooths away what is shorter. NaN of what is no position.
+    """
+    t, values = stream.t, stream.signal.values
+    if quantity_of(stream.signal.name) != "position" or len(t) < 2:
+        nothing = np.full(len(cells.t), np.nan)
+        return nothing, nothing
+    mean_m_s = lengths(np.diff(values, axis=0)) / np.diff(t)
+    near = np.concatenate((mean_m_s[:1], mean_m_s, mean_m_s[-1:]))
+    slowest = np.minimum(np.minimum(near[:-2], near[1:-1]), near[2:])
+    fastest = np.maximum(np.maximum(near[:-2], near[1:-1]), near[2:])
+    row = np.clip(t.searchsorted(cells.t, side="right") - 1, 0, len(mean_m_s) - 1)
+    return slowest[row], fastest[row]
 
 
 def _near_chord(place: Place, sides: _Sides, cells: Cells, motion: MotionBound, error_s: float) -> Place:

@@ -106,10 +106,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return None
     signals = {template: trial.signals[name] for template, name in watched.names.items()}
     unseen = Unseen(trial, assumed, window, watched.max_gap_s)
-    streams = list(
-        {one.signal.name: one for signal in signals.values() for one in unseen.streams(signal)}.values()
-    )
-    opened = [one for one in streams if one.open.any()]
+    opened = [one for one in unseen.all_streams(signals.values()) if one.open.any()]
     if not opened:
         return None
     try:
@@ -140,7 +137,7 @@ class _Grid:
 
     def cells(self) -> Cells:
         rate = max(self.unseen.rate_m_s(signal) for signal in self.signals.values())
-        measured = [signal.t for signal in self.signals.values()]
+        measured = [t for signal in self.signals.values() for t in self.unseen.measured(signal)]
         return cells_of(self.window, measured, self.opened, rate, self.unseen.trial.clocks)
 
 
@@ -200,7 +197,8 @@ def _is_path(
     (name, *others) = known
     signal, unseen = grid.signals[name], grid.unseen
     recorded = not isinstance(signal, Computed) and quantity_of(signal.name) in (*DISTANCES, *SPEEDS)
-    loose = others or optional or unseen.remarks or monitor.flags or unseen.error_s(signal)
+    shown_twice = len(unseen.measured(signal)) > 1
+    loose = others or optional or unseen.remarks or monitor.flags or unseen.error_s(signal) or shown_twice
     return recorded and not loose
 
 

@@ -90,6 +90,7 @@ class TrialBuilder:
         self.official: OfficialResult | None = None
         self.witnessed: set[str] = set()
         self.unrecorded: list[str] = []
+        self.due: dict[str, str] = {}
         self.recorded: Span | None = None
         self.facts: dict[str, Fact] = {}
         self.records: list[Record] = []
@@ -243,6 +244,7 @@ class TrialBuilder:
             attestation=self.attestation,
             cut=self.cut,
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
+            stand_ins=_not_in({**self.signals, **self.as_consumed}, self.due),
         )
 
     def doubt(self, watched: Iterable[str], where: str) -> None:
@@ -295,6 +297,11 @@ def _span_of(
     times = [t_s for s in sampled if s.span for t_s in (s.span.start_s, s.span.end_s)]
     times += [e.t_s for e in events] + [s.submitted_s for s in submissions]
     return Span(min(times), max(times)) if times else None
+
+
+def _not_in(recorded: Iterable[str], due: Mapping[str, str]) -> dict[str, str]:
+    """The signals that were due on a topic and nobody recorded."""
+    return {name: due[name] for name in sorted(due.keys() - set(recorded))}
 
 
 def _joined(known: Body | None, body: Body, file: object) -> Body:
@@ -354,6 +361,10 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         recorded=Span(min(s.start_s for s in spans), max(s.end_s for s in spans)) if spans else None,
         facts=_facts(parts, file),
         records=_records(parts),
+        stand_ins=_not_in(
+            (name for p in parts for name in (*p.signals, *p.as_consumed)),
+            {name: topic for p in parts for name, topic in p.stand_ins.items()},
+        ),
         read_with=frozenset(point for p in parts for point in p.read_with),
         statements=statements_of(parts),
         cut=joined_cut(parts),

@@ -1,7 +1,7 @@
 """Signals from signals: speeds from positions, separation and approach from pairs of bodies.
 
-The definitions are those of the monitor catalogue, section 1.1. What a log records
-itself is never replaced by something derived.
+The definitions are those of the monitor catalogue, section 1.1. What a log records itself is never replaced
+by something derived; that is kept beside it, as what else shows the same.
 """
 
 from __future__ import annotations
@@ -94,6 +94,11 @@ class DerivedSignal:
         return {field for _, field, _, _ in Formatter().parse(template) if field is not None}
 
 
+SHOWN_TWICE = frozenset(
+    ("centre_distance", "centre_distance_2d", "separation", "body_separation", "speed", "tcp_speed")
+)
+"""Quantities that are kept once more as they follow from others, where a log records them itself."""
+
 NOTHING_BROUGHT: Mapping[str, DerivedSignal] = MappingProxyType({})
 
 
@@ -169,8 +174,20 @@ def derive_signals(
         for subject in subjects[quantity]:
             deriver.get(f"{quantity}/{subject}", gaps[quantity])
     defects = tuple(sorted({*trial.log_defects, *deriver.defects}))
+    recorded = {
+        name: gaps[quantity]
+        for quantity in sorted(gaps.keys() & SHOWN_TWICE)
+        for subject in subjects[quantity]
+        if (name := f"{quantity}/{subject}") in trial.signals
+    }
+    others = {name: signal for name, signal in trial.signals.items() if name not in recorded}
+    again = _Deriver(replace(trial, signals=others), speed_window_s, shortest, brought, together)
+    twins = {name: again.get(name, gap_s) for name, gap_s in recorded.items()}
     return replace(
-        trial, signals={k: deriver.signals[k] for k in sorted(deriver.signals)}, log_defects=defects
+        trial,
+        signals={k: deriver.signals[k] for k in sorted(deriver.signals)},
+        twins={name: twin for name, twin in twins.items() if twin is not None},
+        log_defects=defects,
     )
 
 

@@ -267,6 +267,9 @@ class Trial:
         attestation: Of a part of a trial, what its recorder attests; `None` where it attests nothing.
         attestations: Of each log that it was read from, by name of the file.
         cut: How far a log of it goes that is cut off; `None`: all are whole.
+        stand_ins: By name of a signal, the topic that would have recorded it at a stated rate and is not
+            there, so that what else shows the same stands in for it.
+        twins: By name of a recorded signal, the same once more, as it follows from others.
 
     Raises:
         ValueError: A fact is not finite, or a name is that of a signal and of a series.
@@ -296,9 +299,12 @@ class Trial:
     attestation: Attestation | None = None
     attestations: tuple[tuple[str, Attestation | None], ...] = field(default=(), compare=False)
     cut: Cut | None = None
+    stand_ins: Mapping[str, str] = field(default_factory=FrozenMap)
+    twins: Mapping[str, Signal] = field(default_factory=FrozenMap, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "signals", FrozenMap(dict(self.signals)))
+        for name in ("signals", "stand_ins", "twins"):
+            object.__setattr__(self, name, FrozenMap(dict(getattr(self, name))))
         object.__setattr__(self, "as_consumed", FrozenMap(dict(self.as_consumed)))
         if both := sorted(self.signals.keys() & self.as_consumed.keys()):
             raise ValueError(f"{both[0]!r} is given as a signal and as consumed")

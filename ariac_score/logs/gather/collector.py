@@ -366,6 +366,7 @@ class Collector:
             if intake.recorded or intake.channel.topic not in taken:
                 builder.unrecorded.extend(intake.unrecorded(self._others))
                 due |= set() if intake.channel.optional else intake.bodies()
+                builder.due.update(intake.due())
         for body in self._wanted.log_map.bodies:
             if body.id in received:
                 builder.add_body(body)

@@ -265,6 +265,12 @@ class Intake:
         for lack in self._lacking.values():
             yield f"{topic}: {lack}"
 
+    def due(self) -> dict[str, str]:
+        """The signals that it would record at a rate that is stated, and their topic."""
+        if self.channel.optional or not self.channel.rate_hz:
+            return {}
+        return {one.signal: self.channel.topic for one in self.channel.signals}
+
     def settle_transformed(self, builder: TrialBuilder, origin_ns: int, tree: TransformTree) -> None:
         """Hand the positions that are in another frame to the builder, in the root frame."""
         for column in self._columns:
