@@ -23,20 +23,20 @@ class Example:
         paths: Its files and folders, relative to the folder of all examples.
         first: A command to begin with.
         log: The honest trial in it, relative as well; empty where it has none.
-        log_map: The log map that reads it.
+        log_maps: Those that read it.
     """
 
     about: str
     paths: tuple[str, ...]
     first: str
     log: str = ""
-    log_map: str = ""
+    log_maps: tuple[str, ...] = ()
 
 
 def example_log(log_map: str) -> Path | None:
     """The honest trial among the examples that a log map reads; `None` where there is none."""
     for example in examples().values():
-        if example.log and example.log_map == log_map:
+        if example.log and log_map in example.log_maps:
             return source() / example.log
     return None
 
@@ -44,7 +44,11 @@ def example_log(log_map: str) -> Path | None:
 def examples() -> dict[str, Example]:
     """The examples by name, as their folder describes them."""
     described = json.loads((source() / "examples.json").read_text(encoding="utf-8"))
-    return {name: Example(**{**e, "paths": tuple(e["paths"])}) for name, e in described.items()}
+    lists = {"paths": (), "log_maps": ()}
+    return {
+        name: Example(**{**e, **{key: tuple(e.get(key, none)) for key, none in lists.items()}})
+        for name, e in described.items()
+    }
 
 
 def register(commands: Any) -> None:

@@ -13,13 +13,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from ariac_score.checks.registry import Registry
 from ariac_score.cli.local import add_local_plugins, registry_of
 from ariac_score.documents.yaml import load_yaml
 from ariac_score.errors import LogMapError, UsageError
 from ariac_score.installed.system import await_session, end_session, signal_session
-from ariac_score.logs.logmap import is_log_map_file, load_log_map
+from ariac_score.logs.logmap import bases_of, is_log_map_file, load_log_map
 from ariac_score.logs.recording import OWN_TOPICS, Recording, load_recording
 from ariac_score.scoring.ruleset import RuleSet, load_rule_set
+from ariac_score.trial.channels import LogMap
 
 _RELEASES = ("1", "galactic", "humble", "iron", "jazzy", "kilted")
 _WITH_SERVICES = ("jazzy", "kilted")
@@ -72,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     log_map = load_log_map(name, registry=registry) if name else None
     recording = load_recording(
         log_map,
-        _names(rule_set, name, log_map.id if log_map else ""),
+        _names(rule_set, name, log_map, registry),
         mode=arguments.mode,
         ros=arguments.ros,
         registry=registry,
@@ -93,12 +95,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _names(rule_set: RuleSet, name: str, log_map: str) -> list[str]:
-    """What the competition's own data may be called."""
-    names = [rule_set.id.partition(".")[0], log_map]
-    if name and is_log_map_file(name):
-        with suppress(LogMapError):  # relative to its rule set, perhaps
-            names.append(str(load_yaml(Path(name), error=LogMapError).data.get("extends", "")))
+def _names(rule_set: RuleSet, name: str, log_map: LogMap | None, registry: Registry) -> list[str]:
+    """What the competition's own data may be called: as the rules, or as a log map or what that extends."""
+    names = [rule_set.id.partition(".")[0], log_map.id if log_map else ""]
+    with suppress(LogMapError):  # its file is relative to its rule set, perhaps
+        if is_log_map_file(name):
+            name = str(load_yaml(Path(name), error=LogMapError).data.get("extends", ""))
+            names.append(name)
+        names += bases_of(name, registry) if name else ()
     return names
 
 

@@ -15,6 +15,7 @@ from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
+from ariac_score.monitors.alike import DISTANCES, SPEEDS
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
     Bound,
@@ -28,7 +29,6 @@ from ariac_score.monitors.limits import (
 )
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
-from ariac_score.monitors.unseen import DISTANCES, SPEEDS
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
 from ariac_score.monitors.worlds import Worse, Worsening, open_worlds, whole_window
 from ariac_score.trial.chart import Chart

@@ -19,10 +19,11 @@ from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, Worlds
+from ariac_score.monitors.alike import DISTANCES, SPEEDS
 from ariac_score.monitors.causes import causes_of_cells, causes_of_spans
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
-from ariac_score.monitors.unseen import DISTANCES, SPEEDS, Unseen
+from ariac_score.monitors.unseen import Unseen
 from ariac_score.monitors.watched import UndecidedError, Watched
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.model import Trial

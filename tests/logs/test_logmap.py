@@ -367,5 +367,5 @@ def test_a_missing_file_is_said_to_be_missing(written: Path) -> None:
 
 
 def test_a_rule_set_is_no_log_map() -> None:
-    with pytest.raises(LogMapError, match="there is no log map 'paper2020'"):
-        load_log_map("paper2020")
+    with pytest.raises(LogMapError, match=r"there is no log map 'ariac2020\.as_coded'"):
+        load_log_map("ariac2020.as_coded")

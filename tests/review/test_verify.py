@@ -260,7 +260,7 @@ def test_an_edit_is_found_without_the_log(
         ),
         (_set("measured/trial", "another_trial"), "$.measured.trial"),
         (_set("measured/coverage/0/largest_gap_s", 0.5), "$.measured.coverage[0].largest_gap_s"),
-        (_set("provenance/log_map/sha256", "0" * 64), "another log map: ariac2020, sha256 0000"),
+        (_set("provenance/log_map/sha256", "0" * 64), "another log map: paper2020, sha256 0000"),
         (_set("provenance/code/0/sha256", "0" * 64), "another ariac_score of ariac-score: version"),
         (_set("provenance/code/0/version", "9.9"), "version 9.9, sha256"),
         (_set("provenance/code/2/package", "stranger"), "another stranger of ariac-score: version"),
