@@ -83,17 +83,24 @@ def test_a_doctored_log_never_scores_more_than_the_honest_one(name: str, tmp_pat
     assert result.score is None or float(result.score) <= HONEST
 
 
-@pytest.mark.parametrize("lost", ["competition_started", "competition_ended"])
+@pytest.mark.parametrize(
+    ("lost", "most"),
+    [
+        ("competition_started", HONEST),
+        # The near miss comes after the last order, and may have been behind the end.
+        ("competition_ended", 28.0),
+    ],
+)
 def test_a_log_that_shows_only_one_end_of_the_competition_leaves_the_whole_task_open(
-    lost: str, tmp_path: Path
+    lost: str, most: float, tmp_path: Path
 ) -> None:
     result = score_trial(_doctored(tmp_path, _without(lost)), "paper2020.published")
 
-    # At worst somebody was hurt in what is missing: 0. At best it is as the honest log.
+    # At worst somebody was hurt in what is missing: 0.
     assert result.is_open
     assert result.interval is not None
     assert result.score == result.interval.least == 0
-    assert float(result.interval.most) == HONEST
+    assert float(result.interval.most) == most
     assert {"separation", "human_contact", "no_arm_collision"} < {a.check for a in result.assumptions}
 
 

@@ -116,7 +116,7 @@ class GazeboStateReader:
             match for one in states.entities.values() if (both := _match(one, models)) for match in both[:1]
         }
         recorded = {one.link for one in states.entities.values() if one.link}
-        add_unrecorded_links(builder, [match for match in models if match in found], recorded)
+        add_unrecorded_links(builder, [match for match in models if match in found], recorded, of_each=True)
         t_s = states.t_s
         builder.recorded = Span(float(t_s.min()), float(t_s.max()))
         if states.cut_off and wanted.partial:

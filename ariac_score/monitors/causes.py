@@ -95,5 +95,5 @@ def _instead(own: Sequence[Stream]) -> str:
     """That a source stands for a topic that was not recorded, in words; empty where it does not."""
     topics = sorted({one.stands_for for one in own} - {""})
     return (
-        f", which stand for {' and '.join(topics)}, not recorded though its rate is stated" if topics else ""
+        f", which stand for {' and '.join(topics)}, of a stated rate and not recorded" if topics else ""
     )

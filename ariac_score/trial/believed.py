@@ -117,13 +117,19 @@ def holes_around(t: FloatArray, dropped: BoolArray) -> tuple[Span, ...]:
 
 
 def believed(
-    signals: Mapping[str, Signal], bodies: Sequence[Body]
+    signals: Mapping[str, Signal], bodies: Sequence[Body], *, start_s: float = -np.inf
 ) -> tuple[dict[str, Signal], list[LogDefect]]:
-    """The signals of a log without implausible jumps and replayed stretches, and what was wrong with them."""
+    """The signals of a log without implausible jumps and replayed stretches, and what was wrong with them.
+
+    Args:
+        signals: Of the log.
+        bodies: Of the trial.
+        start_s: When the competition started at the earliest, s.
+    """
     defects: list[LogDefect] = []
     found: dict[str, Signal] = {}
     copied = _replayed(signals)
-    jumping = {name: jumps(signal, bodies) for name, signal in signals.items()}
+    jumping = {name: jumps(signal, bodies, anew_s=start_s) for name, signal in signals.items()}
     steady = {name: _without(signal, jumping[name]) for name, signal in signals.items()}
     for name, signal in signals.items():
         jumped = jumping[name]
@@ -219,11 +225,17 @@ def _all_come_back(
 # Jumps -----------------------------------------------------------------------------------------
 
 
-def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
+def jumps(signal: Signal, bodies: Sequence[Body], *, anew_s: float = -np.inf) -> BoolArray:
     """Which samples cannot be reached from the last one that is believed, shape (n,).
 
     A distance of two bodies changes no faster than both can move, a position no faster than a body can, a
     speed not faster than something heavy is stopped. Other quantities may step, as a force does.
+
+    Args:
+        signal: Of the log.
+        bodies: Of the trial.
+        anew_s: What was put somewhere else before that, s, is where it is from then on: as if the recording
+            began there.
     """
     none = np.zeros(len(signal), dtype=bool)
     limits = _limits(signal, bodies)
@@ -239,9 +251,12 @@ def jumps(signal: Signal, bodies: Sequence[Body]) -> BoolArray:
     if not len(suspicious):
         return none
     t, values = signal.t.tolist(), rows.tolist()
-    last = int(suspicious[0])
+    last, begins = int(suspicious[0]), int(signal.t.searchsorted(anew_s, side="right")) - 1
     for here in range(last + 1, len(t)):
-        if dist(values[here], values[last]) > rate * (t[here] - t[last]) + allowed:
+        if (
+            not (here == begins and none[here - 1])
+            and dist(values[here], values[last]) > rate * (t[here] - t[last]) + allowed
+        ):
             none[here] = True
         else:
             last = here

@@ -222,7 +222,8 @@ class TrialBuilder:
             self.witnessed.clear()
             self.defect("unseen_losses", str(self.trial_id), 1, self.unseen_losses)
         bodies = tuple(self.bodies.values())
-        self.signals, noted = believed(self.signals, bodies)
+        start_s = earliest_start_s(Trial(self.trial_id, events=tuple(sorted(set(self.events)))))
+        self.signals, noted = believed(self.signals, bodies, start_s=-np.inf if start_s is None else start_s)
         for defect in noted:
             self.defect(defect.kind, defect.where, defect.count, defect.message)
         return Trial(

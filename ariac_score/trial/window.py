@@ -142,9 +142,11 @@ def surely_of(trial: Trial) -> Span | None:
 
 
 def _of_work_s(trial: Trial) -> list[float]:
-    """When work was announced and handed in, s, as far as that is known."""
-    times_s = (*map(announced_s, trial.work), *(one.submitted_s for one in trial.submissions))
-    return [t_s for t_s in times_s if t_s is not None]
+    """When work was announced, s, as far as that is known.
+
+    Not when it was handed in: a team may call after the end, and nobody may answer.
+    """
+    return [t_s for t_s in map(announced_s, trial.work) if t_s is not None]
 
 
 def _length(span: Span) -> str:
@@ -154,7 +156,7 @@ def _length(span: Span) -> str:
 def ends_of(trial: Trial) -> WindowEnds | None:
     """Between which moments the competition started and ended; `None` where the log states both exactly.
 
-    Nothing is handed in or announced outside of a competition, so each of them narrows it.
+    Nothing is announced outside of a competition, so each announcement narrows it.
     """
     window, started_s, ended_s = trial.window, trial.started_s, trial.ended_s
     if window is None or started_s is None or ended_s is None or not started_s < ended_s:

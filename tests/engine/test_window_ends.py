@@ -119,15 +119,15 @@ def test_stated_exactly_it_has_no_width() -> None:
     assert ends_of(TRIAL) is None
 
 
-def test_what_was_handed_in_or_announced_was_in_the_competition() -> None:
+def test_what_was_announced_was_in_the_competition_and_a_team_may_call_at_any_time() -> None:
     trial = at(15.0, 32.0, late_s=(2.0, 3.0))
     (first, last) = TRIAL.submissions  # at 14 s and at 31 s
     handed_in = ends_of(replace(trial, submissions=(first, last)))
     announced = ends_of(replace(trial, work=TRIAL.work[:1]))  # at 1 s, which opens the competition
 
     assert handed_in is not None
-    assert (handed_in.start.start_s, handed_in.start.end_s) == (13.0, 14.0)
-    assert (handed_in.end.start_s, handed_in.end.end_s) == (31.0, 32.0)
+    assert (handed_in.start.start_s, handed_in.start.end_s) == (13.0, 15.0)
+    assert (handed_in.end.start_s, handed_in.end.end_s) == (29.0, 32.0)
     assert announced is not None
     assert announced.start.duration_s == 0.0
 
@@ -167,10 +167,10 @@ START, END = Event(0.5, COMPETITION_STARTED), Event(38.0, COMPETITION_ENDED)
         ((stated_late(START, 0.3), stated_late(END, 0.1)), (37.4, 37.8)),
         # Stated late by more than it was before the first order, at 1 s: it had started then.
         ((stated_late(Event(2.0, COMPETITION_STARTED), 1.5), END), (37.0, 37.5)),
-        # Nobody says when it ended: work was announced from 1 s on, and handed in until 31 s.
-        ((START,), (30.5, None)),
+        # Nobody says when it ended: work was announced at 1 s and 8 s; a team may call after the end.
+        ((START,), (7.5, None)),
         ((END,), (37.0, None)),
-        ((), (30.0, None)),
+        ((), (7.0, None)),
         ((Event(38.0, COMPETITION_STARTED), Event(0.5, COMPETITION_ENDED)), (0.0, None)),
     ],
     ids=["exact", "at a rate", "before the first order", "no end", "no start", "neither", "turned round"],
@@ -190,13 +190,13 @@ def test_how_long_it_lasted_is_known_as_far_as_its_ends_are(
 @pytest.mark.parametrize(
     ("ends", "sure_s"),
     [
-        ((START,), (0.5, 31.0)),
+        ((START,), (0.5, 8.0)),
         ((stated_on(START, 35.0),), (0.5, 35.5)),  # so long the log says that it runs
-        ((Event(13.0, COMPETITION_STARTED),), (1.0, 31.0)),  # work that is announced before opens it
+        ((Event(13.0, COMPETITION_STARTED),), (1.0, 13.0)),  # work that is announced before opens it
         ((END,), (1.0, 38.0)),
         ((stated_late(END, 5.0),), (1.0, 33.0)),  # at some moment since the word before
-        ((stated_late(END, 9.0),), (1.0, 31.0)),  # what was handed in was in it
-        ((), (1.0, 31.0)),
+        ((stated_late(END, 9.0),), (1.0, 29.0)),  # whoever handed in at 31 s may have been late
+        ((), (1.0, 8.0)),
         ((Event(38.0, COMPETITION_STARTED), Event(0.5, COMPETITION_ENDED)), None),
         ((Event(21.0, COMPETITION_STARTED), Event(0.2, COMPETITION_ENDED)), None),
     ],
@@ -206,7 +206,7 @@ def test_how_long_it_lasted_is_known_as_far_as_its_ends_are(
         "announced before",
         "no start",
         "an end that came late",
-        "before what was handed in",
+        "before a late call",
         "neither",
         "turned round",
         "a stale end",
@@ -241,12 +241,12 @@ def test_where_messages_are_missing_all_of_it_is_open_however_well_its_ends_are_
     assert worst_s >= 1.5
 
 
-@pytest.mark.parametrize("collided_s", [30.9, 31.1, 36.0])
+@pytest.mark.parametrize("collided_s", [7.9, 8.1, 30.9, 31.1, 36.0])
 @pytest.mark.parametrize("start", [START, stated_on(START, 35.0)])
 def test_an_event_after_an_end_that_nobody_states_is_held_against_nobody_for_certain(
     start: Event, collided_s: float
 ) -> None:
-    """The last kit is handed in at 31 s; a collision takes all, unless the competition was over."""
+    """The last order is announced at 8 s; a collision takes all, unless the competition was over."""
     collided = Event(collided_s, ARM_COLLISION)
     without = replace(TRIAL, events=tuple(sorted([start, *_announced(), collided])))
     truths = [
@@ -256,7 +256,7 @@ def test_an_event_after_an_end_that_nobody_states_is_held_against_nobody_for_cer
     least, most = scores_between(without)
 
     assert all(least <= low == high <= most for low, high in truths)
-    ran_until_s = 35.5 if start.numbers else 31.0
+    ran_until_s = 35.5 if start.numbers else 8.0
     assert (most == 0.0) is (collided_s < ran_until_s)
 
 

@@ -19,7 +19,7 @@ from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
-from ariac_score.trial.work import Submission
+from ariac_score.trial.work import Item
 from ariac_score_ariac.safety import HumanContact
 from ariac_score_standards import Always, PflContact, SpaceLimit, SsmSeparation
 
@@ -628,16 +628,16 @@ def test_without_bounds_a_speed_that_no_sample_shows_is_missing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("handed_in_s", "certain_s"), [(None, 0.0), (0.9, 0.0), (2.0, 1.0), (3.5, 2.01), (4.0, 2.01)]
+    ("announced_s", "certain_s"), [(None, 0.0), (0.9, 0.0), (2.0, 1.0), (3.5, 2.01), (4.0, 2.01)]
 )
 def test_of_what_may_have_been_after_an_end_that_nobody_states_only_the_part_before_is_certain(
-    handed_in_s: float | None, certain_s: float
+    announced_s: float | None, certain_s: float
 ) -> None:
     """Too near from 1 s to 3 s of a recording of 4 s; nobody knows how long the competition went on."""
     near_m = {round(0.01 * k, 9): (0.5 if 100 <= k <= 300 else 3.0) for k in range(401)}
     given = trial(near_m, ended=False)
-    work = () if handed_in_s is None else (Submission("kit", handed_in_s),)
-    given = replace(given, submissions=work, window_open="the log does not show the end")
+    work = () if announced_s is None else (Item("kit", "kit", announced_s=announced_s),)
+    given = replace(given, work=work, window_open="the log does not show the end")
     _, (worlds,) = found(NEARER_THAN_1_M, given)
 
     best_s = sum(

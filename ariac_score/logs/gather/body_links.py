@@ -9,11 +9,14 @@ from fnmatch import fnmatchcase
 from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
+from ariac_score.trial.model import Body
 
 __all__ = ["add_unrecorded_links"]
 
 
-def add_unrecorded_links(builder: TrialBuilder, matches: Iterable[BodyMatch], names: Iterable[str]) -> None:
+def add_unrecorded_links(
+    builder: TrialBuilder, matches: Iterable[BodyMatch], names: Iterable[str], *, of_each: bool
+) -> None:
     """Say which links of recorded bodies were not recorded, and add those that are named one by one.
 
     A body without one of its links is another one: its nearest point may be further away, so what is asked of
@@ -23,19 +26,30 @@ def add_unrecorded_links(builder: TrialBuilder, matches: Iterable[BodyMatch], na
         builder: Of the trial, with the bodies and links that were recorded.
         matches: Whom the log map names, of whom something was recorded.
         names: Of all recorded links, or frames.
+        of_each: Whether each body has all links that are named, as the models of Gazebo; names of frames are
+            those of one body each.
     """
     known = sorted(names)
     for match in matches:
         bodies = [body for body in builder.bodies.values() if match.is_body(body)]
-        recorded = {own.replace("/", "_") for body in bodies for own in body.links}
         for pattern in match.links:
-            link = pattern.replace("/", "_")
-            # The frame of a body may stand among its links; it is there as the body.
-            if match.body_for(pattern) or any(fnmatchcase(own, link) for own in recorded):
+            lacking = [body for body in bodies if not _has(body, pattern)]
+            if not of_each and (len(lacking) < len(bodies) or _is_body_itself(pattern, match, known)):
+                continue
+            if not lacking:
                 continue
             meant = f"; {nearest(pattern, known, what='recorded links')}" if known else ""
-            whose = ", ".join(body.id for body in bodies)
+            whose = ", ".join(body.id for body in lacking)
             builder.unrecorded.append(f"link {pattern} of {whose}: no recorded link matches{meant}")
-            if not set("*?[") & set(link):
-                for body in bodies:
-                    builder.add_body(replace(body, links=(link,)))
+            if not set("*?[") & set(pattern):
+                for body in lacking:
+                    builder.add_body(replace(body, links=(pattern.replace("/", "_"),)))
+
+
+def _has(body: Body, pattern: str) -> bool:
+    return any(fnmatchcase(own.replace("/", "_"), pattern.replace("/", "_")) for own in body.links)
+
+
+def _is_body_itself(pattern: str, match: BodyMatch, frames: Iterable[str]) -> bool:
+    """Whether a frame that stands among the links was recorded, and is there as the body."""
+    return any(fnmatchcase(frame, pattern) and match.body_for(frame) is not None for frame in frames)

@@ -190,6 +190,11 @@ class Decoded:
         """The names of parents and children of transforms."""
         return self.columns[_PARENT], self.columns[_CHILD]
 
+    @property
+    def transforms(self) -> FloatArray:
+        """x, y, z in m and the quaternion x, y, z, w of transforms, shape (n, 7)."""
+        return _side_by_side(self.columns, (*_AT, *_TURN))
+
     def stamps_ns(self, channel: Channel, clocks: Clocks) -> IntArray:
         """The stamps that count for a channel: one for each message, or for each transform."""
         frames = channel.poses == "frames"

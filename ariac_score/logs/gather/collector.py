@@ -31,7 +31,7 @@ from ariac_score.logs.gather.model_states import ModelPoses
 from ariac_score.logs.gather.numbering import Numbering, note_contested
 from ariac_score.logs.gather.position_frames import PositionFrames, refuse_unknown_root
 from ariac_score.logs.gather.repeats import changed
-from ariac_score.logs.gather.transforms import TransformTree, times_s
+from ariac_score.logs.gather.transforms import TransformTree, row_of, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel
 from ariac_score.trial.model import Body
@@ -221,7 +221,11 @@ class Collector:
             if poses == "frames":
                 static = intake.channel.topic.endswith("tf_static")
                 sent = decoded.first_of_each(stamps_ns)
-                if not static:
+                if static:
+                    self._frame_publishers.take_static(
+                        connection, *decoded.frames, decoded.transforms, stamps_ns
+                    )
+                else:
                     self._frame_publishers.take(connection, *decoded.frames, stamps_ns)
                 together.add_frames(decoded, stamps_ns, static=static)
             elif poses == "models":
@@ -273,8 +277,11 @@ class Collector:
             for transform in message.transforms:  # type: ignore[attr-defined]  # rosbags makes the class
                 stamp_ns = item.stamp_ns if static else self._stamp_ns(item, number, transform, channel)
                 self._tree.add(transform, stamp_ns, static=static)
-                if not static:
-                    names = transform.header.frame_id, transform.child_frame_id
+                names = transform.header.frame_id, transform.child_frame_id
+                if static:
+                    row, ends = row_of(transform), (1, stamp_ns, stamp_ns)
+                    self._frame_publishers.take_one_static(item.connection, *names, row, ends)
+                else:
                     self._frame_publishers.take_one(item.connection, *names, stamp_ns)
             self._sent(item, number, message, intake, item.stamp_ns)
             return
@@ -376,8 +383,8 @@ class Collector:
             self._models.settle(builder, origin_ns, of_models)
         self._add_unrecorded_bodies(builder, due)
         self._add_unmatched(builder, (*self._tree.unmatched, *self._models.unmatched))
-        add_unrecorded_links(builder, self._tree.matched, self._tree.names())
-        add_unrecorded_links(builder, self._models.matched, self._models.link_names())
+        add_unrecorded_links(builder, self._tree.matched, self._tree.names(), of_each=False)
+        add_unrecorded_links(builder, self._models.matched, self._models.link_names(), of_each=True)
         records = (frames.record(origin_ns) for frames in self._frames.values())
         builder.records.extend(record for record in records if record is not None)
 
@@ -430,6 +437,10 @@ class Collector:
             start_s, end_s = times_s(ends_ns, origin_ns).tolist()
             contested.setdefault(frame, []).append(Span(start_s, end_s))
             note_contested(builder, f"frame {frame}", stretch, contested[frame][-1])
+        if builder.recorded is not None:
+            for frame, stretch in self._frame_publishers.contested_static():
+                contested.setdefault(frame, []).append(builder.recorded)
+                note_contested(builder, f"frame {frame}", stretch, builder.recorded)
         holes = [
             hole
             for intake in self._intakes

@@ -64,6 +64,7 @@ def changes(
     repeats = bool(times_s) and (at_a_rate or _repeats(items, _OVER_AND_OVER))
     before: str | None = None
     ended: Event | None = None
+    unknown = False
     for place, item in enumerate(items):
         state = _state(item)
         if state == COMPETITION_STARTED and ended is not None:
@@ -80,17 +81,21 @@ def changes(
             )
             builder.defect("runs_again", topic, 1, message)
         if late and place == 0:
+            unknown = True
             message = (
                 "its first message already says that the competition runs: it started before the recording, "
                 "and nobody knows when"
             )
             builder.defect("late_recording", topic, 1, message)
         elif place == first and silent_s > SILENT_S:
+            unknown = True
             message = (
                 f"it says nothing for {silent_s:.3f} s, and then that the competition runs, so nobody knows "
                 "since when"
             )
             builder.defect("late_recording", topic, 1, message)
+        elif unknown and state == COMPETITION_STARTED:
+            pass  # it runs again, or still: no start, for it ran before
         elif state is not None and state != before and (repeats or place == first):
             since_s = _silent_s(place, times_s, builder)
             since_s += float(delays_s[place - 1]) if place and len(delays_s) else 0.0

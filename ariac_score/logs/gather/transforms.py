@@ -28,7 +28,7 @@ from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
 from ariac_score.trial.spans import FloatArray, Span, distinct
 
-__all__ = ["MAX_GAP_S", "Placed", "TransformTree", "times_s"]
+__all__ = ["MAX_GAP_S", "Placed", "TransformTree", "row_of", "times_s"]
 
 
 MAX_GAP_S = 0.5
@@ -62,6 +62,10 @@ _LONGEST_TURN = 1 << 10
 """The longest period that is looked for; a robot has fewer frames."""
 
 
+_MANY = 1 << 12
+"""So many values of one static transform are kept each by itself, in whatever order they were written."""
+
+
 _FEWEST_SAMPLES = 64
 _LARGEST_GUESS = 1 << 22
 
@@ -78,6 +82,12 @@ def times_s(stamps_ns: Sequence[int] | IntArray, origin_ns: int) -> FloatArray:
         return np.array([(stamp_ns - origin_ns) / 1e9 for stamp_ns in stamps.tolist()], dtype=np.float64)
     seconds: FloatArray = (stamps - origin_ns) / 1e9  # the difference is exact, its division rounds once
     return seconds
+
+
+def row_of(transform: Any) -> _Row:
+    """x, y, z in m and the quaternion x, y, z, w of a `geometry_msgs/TransformStamped`."""
+    at, turn = transform.transform.translation, transform.transform.rotation
+    return at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w
 
 
 class _Edge:
@@ -128,10 +138,9 @@ class _Edge:
 
     def add_static(self, at_ns: int, row: _Row) -> None:
         """Take a value that holds from then on."""
-        if len(self.static) > 1 and self.static[-2][1] == self.static[-1][1] == row:
-            (first_ns, _), (last_ns, _) = self.static[
-                -2:
-            ]  # of many that are alike the first and the last one
+        if len(self.static) > _MANY and self.static[-2][1] == self.static[-1][1] == row:
+            # Of very many that are alike the first and the last one.
+            (first_ns, _), (last_ns, _) = self.static[-2:]
             self.static[-2:] = [(min(first_ns, at_ns), row), (max(last_ns, at_ns), row)]
         else:
             self.static.append((at_ns, row))
@@ -282,8 +291,7 @@ class TransformTree:
             static: Whether it holds until another one replaces it.
         """
         parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
-        at, turn = transform.transform.translation, transform.transform.rotation
-        row = (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
+        row = row_of(transform)
         if not all(math.isfinite(v) for v in row) or not _is_unit(row[3:]):
             self._unusable[child] = self._unusable.get(child, 0) + 1
             return
@@ -490,6 +498,9 @@ class TransformTree:
                 "its static transform was told anew with another value; each holds from when it was told"
             )
             builder.defect("restated_transform", f"frame {one}", len(edges[one].values[1:]), message)
+            if edges[one].moves:
+                message = "its transform is told as one that never moves, too; how it moves counts"
+                builder.defect("static_and_moving", f"frame {one}", len(edges[one].static), message)
         contested = [span for one in chain[:-1] for span in self._contested.get(one, ())]
         holes = self._holes if moves else ()
         unknown: dict[str, Any] = {"holes": holes, "contested": contested, "constant": constant}

@@ -24,10 +24,11 @@ from ariac_score.review.log_maps.whom import (
     candidates_in,
     choose,
     named,
+    same_motion,
     scalars_in,
     suffice,
 )
-from ariac_score.trial.channels import LogMap
+from ariac_score.trial.channels import BodyMatch, LogMap
 from ariac_score.trial.model import Trial
 from ariac_score.trial.vocabulary import QUANTITIES
 from ariac_score.trial.words import HANDED_IN, Words
@@ -127,10 +128,41 @@ class _Base:
         seen = {one for ids in self.bodies.values() for one in ids}
         return [body.id for body in self.trial.bodies if body.kind in self.bodies and body.id not in seen]
 
-    def extended(self, folder: Path | None) -> Extended:
+    @property
+    def matches(self) -> tuple[BodyMatch, ...]:
+        """The frames and models that it names."""
+        return *self.log_map.frames, *self.log_map.models
+
+    def extended(self, folder: Path | None, survey: Survey) -> Extended:
         """As a draft in a folder extends it."""
         seen = {one for ids in self.bodies.values() for one in ids}
-        return Extended(_from(self.name, folder), self.log_map, frozenset(seen), self.unseen)
+        recorded = {*survey.models, *(name for edge in survey.edges for name in (edge.parent, edge.child))}
+        sources: dict[str, set[str]] = {}
+        for name in recorded:
+            for body in [match.body_for(name) for match in self.matches]:
+                if body is not None:
+                    sources.setdefault(body.id, set()).add(name)
+        return Extended(_from(self.name, folder), self.log_map, frozenset(seen), self.unseen, sources)
+
+    def beside(self, role: str, candidates: Iterable[Candidate]) -> Iterator[tuple[Candidate, str]]:
+        """Who else could have a role that it gives to somebody, and why they do not have it."""
+        provided = [
+            Candidate(body, "model", body, signal=self.trial.signals.get(f"position/{body}"))
+            for body in self.bodies.get(role, ())
+        ]
+        topics = {channel.topic for channel in self.log_map.channels}
+        for one in candidates:
+            if one.kind != role or not one.moves or one.elsewhere or one.topic[0] in topics:
+                continue
+            if one.source != "topic" and any(match.body_for(one.name) for match in self.matches):
+                inner = [link for link in one.links if not self._follows(link)]
+                if (inner and len(one.links) > 1) or (one.source == "frame" and inner):
+                    yield one, f"the extended log map does not follow what moves below it: {', '.join(inner)}"
+            elif not any(same_motion(one, other) for other in provided):
+                yield one, "the extended log map does not know it"
+
+    def _follows(self, link: str) -> bool:
+        return any(match.follows_link(link) or match.body_for(link) for match in self.matches)
 
     @property
     def reads(self) -> int:
@@ -223,13 +255,11 @@ def draft_log_map(
     provided = {} if base is None else base.bodies
     scalars = scalars_in(drafting.survey)
     by_scalars = not provided and suffice(scalars) and not any(c.signal for c in candidates)
-    choices = (
-        {role: Choice(role) for role in ROLES} if by_scalars else _choices(drafting, candidates, provided)
-    )
+    choices = {role: Choice(role) for role in ROLES} if by_scalars else _choices(drafting, candidates, base)
     writing = Writing(
         name=bundle.root.name,
         survey=drafting.survey,
-        extends=None if base is None else base.extended(folder),
+        extends=None if base is None else base.extended(folder, drafting.survey),
         root=root,
         stamp=stamp,
         candidates=candidates,
@@ -240,10 +270,13 @@ def draft_log_map(
     )
     anywhere = writing
     if base is not None:
-        anywhere = replace(writing, extends=base.extended(None))
+        anywhere = replace(writing, extends=base.extended(None, drafting.survey))
+    drafting.decided += writing.unusable
     left_out = ", ".join(writing.replaced)
     if left_out:
-        drafting.decided.append(f"without {left_out} of the extended log map: not in this recording")
+        drafting.decided.append(
+            f"without {left_out} of the extended log map: not in this recording, or another body here"
+        )
     return Draft(writing.text, anywhere.text, tuple(drafting.open), tuple(drafting.decided))
 
 
@@ -358,15 +391,22 @@ def _candidates(drafting: _Drafting, root: str) -> tuple[str, list[Candidate]]:
         return "log", candidates
 
 
-def _choices(
-    drafting: _Drafting, candidates: Sequence[Candidate], provided: Mapping[str, Sequence[str]]
-) -> dict[str, Choice]:
+def _choices(drafting: _Drafting, candidates: Sequence[Candidate], base: _Base | None) -> dict[str, Choice]:
     chosen = choose(candidates)
+    provided = {} if base is None else base.bodies
     for role in ROLES:
         said = drafting.given.human if role == "human" else drafting.given.robot
         choice = chosen[role]
-        if role in provided and not said:
-            chosen[role] = Choice(role, why=f"the extended log map has {', '.join(provided[role])}")
+        if base is not None and role in provided and not said:
+            beside = {c.name: (c, why) for c, why in base.beside(role, candidates)}
+            reasons = {name: why for name, (_, why) in beside.items()}
+            chosen[role] = Choice(
+                role, why=f"the extended log map has {', '.join(provided[role])}", others=reasons
+            )
+            drafting.decided += [
+                f"{role}: not {c.words}; {why}. --{role} {c.name} takes it; name all that count"
+                for c, why in beside.values()
+            ]
             continue
         others = [c for c in candidates if c not in choice.chosen and c not in choice.equal and c.signal]
         others.sort(key=lambda c: not c.moves)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ariac_score.review.log_maps.survey import CLOCK, FRAMES, MODELS, Survey
 from ariac_score.review.log_maps.whom import ROLES, Candidate, Choice, Scalar, escaped, position_fields
-from ariac_score.trial.channels import LogMap
+from ariac_score.trial.channels import FieldMap, LogMap
+from ariac_score.trial.vocabulary import subject_of
 
 __all__ = ["Extended", "Writing"]
 
@@ -23,12 +24,19 @@ class Extended:
         log_map: What it says.
         seen: Its bodies of which the recording has something.
         unseen: Those that it expects in the recording, and of which nothing is there.
+        sources: By body, the recorded frames and models that it takes for it.
     """
 
     name: str
     log_map: LogMap
     seen: Set[str] = frozenset()
     unseen: Sequence[str] = ()
+    sources: Mapping[str, Set[str]] = field(default_factory=dict)
+
+    @property
+    def unusable(self) -> dict[str, Set[str]]:
+        """The bodies of which frames or models are recorded, and no positions can be had."""
+        return {body: names for body, names in sorted(self.sources.items()) if body not in self.seen}
 
     @property
     def topics(self) -> set[str]:
@@ -115,7 +123,8 @@ class Writing:
             for one in choice.chosen:
                 own = re.sub(r"[^A-Za-z0-9_.-]", "_", one.name.strip("/"))
                 if one.source == source:
-                    yield role, one, role if len(choice.chosen) == 1 else own
+                    is_free = self.extends is None or role not in self.extends.unusable
+                    yield role, one, role if len(choice.chosen) == 1 and is_free else own
 
     def _left_out(self, source: str) -> Iterator[tuple[str, Candidate, str]]:
         """The roles, candidates and reasons of those that are no bodies, or not yet."""
@@ -132,7 +141,19 @@ class Writing:
         for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
             yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
         for body in self.replaced:
-            yield f"  {_scalar(body)}: null    # of the extended log map, and not in this recording"
+            yield f"  {_scalar(body)}: null    # of the extended log map: not in this recording, or another body here"
+
+    @property
+    def unusable(self) -> list[str]:
+        """What the extended log map would take for a body, and has no positions, a line each."""
+        found = {} if self.extends is None else self.extends.unusable
+        chosen = {one.name for choice in self.choices.values() for one in choice.chosen}
+        return [
+            f"{body} of the extended log map: {', '.join(sorted(names))} is recorded, and has no positions "
+            "that can be used; what is asked of it stays open"
+            for body, names in found.items()
+            if not names & chosen
+        ]
 
     @property
     def replaced(self) -> list[str]:
@@ -147,7 +168,13 @@ class Writing:
             if not set("*?[") & set(match.body or match.match):
                 known.setdefault(match.body or match.match, match.kind)
         replaced = [body for body, kind in known.items() if kind in roles]
-        there = names | self.extends.seen
+        taken = {one.name for s in ("frame", "model") for _, one, _ in self._chosen(s)}
+        recorded = {topic.name for topic in self.survey.topics if topic.count}
+        channels = (channel for channel in log_map.channels if channel.topic in recorded)
+        states = {body for channel in channels for one in channel.signals for body in _bodies_of(one)}
+        # A frame that the draft takes for another body leaves nothing of the one it was.
+        other = {body for body, own in self.extends.sources.items() if own <= taken} - states
+        there = names | (self.extends.seen | self.extends.unusable.keys()) - other
         return [body for body in dict.fromkeys([*replaced, *self.extends.unseen]) if body not in there]
 
     def _channels(self) -> Iterator[str]:
@@ -206,6 +233,10 @@ class Writing:
                 if channel.witnesses:
                     more += f", witnesses: [{', '.join(sorted(channel.witnesses))}]"
                 yield f"#   - {{topic: {_scalar(name)}, {more}}}"
+
+
+def _bodies_of(field_map: FieldMap) -> list[str]:
+    return [part.partition("::")[0] for part in subject_of(field_map.signal).split("/")]
 
 
 def _channel(candidate: Candidate, body: str, stamp: str) -> str:

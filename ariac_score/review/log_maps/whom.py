@@ -31,6 +31,7 @@ __all__ = [
     "escaped",
     "named",
     "position_fields",
+    "same_motion",
     "scalars_in",
     "suffice",
 ]
@@ -342,7 +343,7 @@ def choose(candidates: Sequence[Candidate]) -> dict[str, Choice]:
         choice = by_name[role]
         if not (choice.chosen or choice.equal):
             taken = (*by_name[other].chosen, *by_name[other].equal)
-            left = [c for c in candidates if not any(_same(c, one) for one in taken)]
+            left = [c for c in candidates if not any(same_motion(c, one) for one in taken)]
             choice = _choice(role, [c for c in left if _rank(c, role)])
             if not by_name[other].chosen:  # what alone moves could be either
                 choice = Choice(role, equal=(*choice.chosen, *choice.equal), others=choice.others)
@@ -375,7 +376,7 @@ def _choice(role: str, candidates: Sequence[Candidate]) -> Choice:
     firsts: list[Candidate] = []
     others: dict[str, str] = {}
     for one in sorted(leading, key=lambda c: (("frame", "model", "topic").index(c.source), c.is_late)):
-        twin = next((first for first in firsts if _same(one, first)), None)
+        twin = next((first for first in firsts if same_motion(one, first)), None)
         if twin is None:
             firsts.append(one)
         else:
@@ -385,7 +386,7 @@ def _choice(role: str, candidates: Sequence[Candidate]) -> Choice:
     return Choice(role, equal=tuple(firsts), others=others)
 
 
-def _same(one: Candidate, other: Candidate) -> bool:
+def same_motion(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are one body: they are always at the same place."""
     if one is other or one.key == other.key:
         return True
