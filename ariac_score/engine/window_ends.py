@@ -69,11 +69,11 @@ def _not_certain(
     opened: dict[str, _Both | None] = {}
     for subject, both in asked.items():
         within = _settled(certain.get(subject, _NOTHING).best, Verdict.SATISFIED)
-        if not both.is_open and _badness(within) < _badness(both.best):
+        if _badness(within) < _badness(both.best):
             nothing = Finding.satisfied(subject, "what is broken may have been outside of the competition")
             best = within or (replace(nothing, check=check),)
             cause = Cause(trial.window_open, spans=() if trial.window is None else (trial.window,))
-            opened[subject] = _Both(best, both.worst, (cause,), tight=False, is_open=True)
+            opened[subject] = _Both(best, both.worst, (*both.causes, cause), tight=False, is_open=True)
         else:
             opened[subject] = both if both.is_open else None
     return _numbered(check, {subject: both for subject, both in opened.items() if both is not None})

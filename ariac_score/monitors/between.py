@@ -13,7 +13,13 @@ from ariac_score.checks.open_findings import Worlds
 from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.unseen import Unseen
-from ariac_score.monitors.worlds import Worsening, alike, blunt_worlds
+from ariac_score.monitors.worlds import (
+    Worsening,
+    alike,
+    blunt_worlds,
+    joined_where_one,
+    split_by_pauses,
+)
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, uncovered_spans
@@ -85,13 +91,17 @@ def worlds_between(
         yield from seen
     elif filled is not None and judge is not None:
         best, worst = judge(filled, False), judge(filled, True)
-        if alike(best, worst):
+        # Numbers of violations are not monotone: pauses may have been in a gap, or not.
+        further = split_by_pauses(best, worst, t_off_s)
+        best = joined_where_one(best, worst)
+        if not further and alike(best, worst):
             undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in seen)
             yield from worst if undecided else seen
             return
         yield from seen
         causes = causes_of_cells(opened, window, tuple(unseen.remarks))
-        yield Worlds(subject, _decided(best, Verdict.SATISFIED), _decided(worst, Verdict.VIOLATED), causes)
+        worst = _decided([*worst, *further], Verdict.VIOLATED)
+        yield Worlds(subject, _decided(best, Verdict.SATISFIED), worst, causes)
     else:
         yield from seen
         monitor = Worsening({}, measures, t_off_s, clause, critical=critical)

@@ -38,7 +38,9 @@ __all__ = [
     "Worsening",
     "alike",
     "blunt_worlds",
+    "joined_where_one",
     "open_worlds",
+    "split_by_pauses",
     "whole_window",
 ]
 
@@ -176,7 +178,7 @@ def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) ->
 
     best, worst = _statements(world(False), judge), _statements(world(True), judge)
     most, least = (_limits(one) for one in (worst, best))
-    fewest = _joined(_findings(best), _findings(worst))
+    fewest = joined_where_one(_findings(best), _findings(worst))
     extra = _further(least, most, _findings(worst), monitor)
     said = {gap: words for gap in watched.gaps if (words := _said(gap, least, most))}
     agree = not extra and alike(fewest, _findings(worst))
@@ -254,7 +256,7 @@ def _violations(findings: Iterable[Finding]) -> list[Finding]:
     return [one for one in findings if one.verdict is Verdict.VIOLATED and one.span is not None]
 
 
-def _joined(best: Sequence[Finding], worst: Sequence[Finding]) -> list[Finding]:
+def joined_where_one(best: Sequence[Finding], worst: Sequence[Finding]) -> list[Finding]:
     """The best findings with as few violations as there can be: what one in the worst world covers is one."""
     found = list(best)
     for whole in _violations(worst):
@@ -317,6 +319,22 @@ def _further(
                 for number in range(math.floor(span.duration_s / pause_s + 1e-9)):
                     at_s = span.start_s + number * pause_s
                     further.append(_touch(violation, at_s))
+    return further
+
+
+def split_by_pauses(best: Sequence[Finding], worst: Sequence[Finding], pause_s: float) -> list[Finding]:
+    """The same of findings alone: a pause may have been wherever the best world has no violation."""
+    further: list[Finding] = []
+    kept = merged(one.span for one in _violations(best) if one.span)
+    for violation in _violations(worst) if pause_s > 0.0 else ():
+        assert violation.span is not None
+        at_s = violation.span.start_s
+        for other in [*kept, Span(violation.span.end_s, violation.span.end_s)]:
+            lasts_s = min(other.start_s, violation.span.end_s) - at_s
+            further += [
+                _touch(violation, at_s + k * pause_s) for k in range(math.floor(lasts_s / pause_s + 1e-9))
+            ]
+            at_s = max(at_s, other.end_s)
     return further
 
 

@@ -141,7 +141,7 @@ class Writing:
         for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
             yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
         for body in self.replaced:
-            yield f"  {_scalar(body)}: null    # of the extended log map: not in this recording, or another body here"
+            yield f"  {_scalar(body)}: null    # of the extended log map: not recorded, or another body here"
 
     @property
     def unusable(self) -> list[str]:
