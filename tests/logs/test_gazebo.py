@@ -175,6 +175,16 @@ def test_a_link_that_the_log_map_names_and_the_log_lacks_does_not_vanish(tmp_pat
     ]
 
 
+def test_each_of_several_bodies_has_the_links_that_the_log_map_names(tmp_path: Path) -> None:
+    arms = (model("arm_1", "1 0 0 0 0 0", links={"hand": "1 1 1 0 0 0"}), model("arm_2", "2 0 0 0 0 0"))
+    path = written(tmp_path, log_of(chunk(frame("1 0", *arms))))
+
+    trial = READER.read(path, POSITIONS)
+
+    assert [(body.id, body.links) for body in trial.bodies] == [("arm_1", ("hand",)), ("arm_2", ("hand",))]
+    assert [line.partition(":")[0] for line in trial.unrecorded] == ["link hand of arm_2"]
+
+
 # What frames mean
 
 

@@ -407,6 +407,29 @@ def test_a_body_is_not_believed_to_be_50_m_away_within_10_ms(
     assert defects(trial) == ({"implausible_jump": dropped} if dropped else {})
 
 
+@pytest.mark.parametrize(
+    ("put_s", "start_s", "unknown"), [(0.395, 0.45, []), (0.395, 0.25, [Span(0.39, 0.6)])]
+)
+def test_who_was_put_somewhere_else_before_the_start_is_there_from_the_start_on(
+    tmp_path: Path, put_s: float, start_s: float, unknown: Sequence[Span]
+) -> None:
+    """A frame is calibrated anew, or a person is spawned; a recording could begin there."""
+    walk = [
+        replace(m, fields={**m.fields, "point": {**m.fields["point"], "y": 50.0 * (i * 0.01 > put_s)}})
+        for i, m in enumerate(places())
+    ]
+    said = [
+        Recorded("/state", "std_msgs/msg/String", START_NS + round(t_s * 1e9), {"data": word})
+        for t_s, word in ((start_s - 0.01, "init"), (start_s, "go"), (0.99, "done"))
+    ]
+
+    trial = read(tmp_path / "t.bag", [*walk, *said], PLACE, STATES)
+
+    signal = trial.signals["position/human"]
+    in_it = signal.gaps(Span(trial.window.start_s, 0.6) if trial.window else Span(0, 1), max_gap_s=0.05)
+    assert bool(in_it) is bool(unknown)
+
+
 def test_a_stretch_that_comes_back_to_the_last_bit_is_unknown(tmp_path: Path) -> None:
     walk = [2.0 + 0.0005 * i + 0.001 * (i * i % 97) for i in range(400)]
     # 1.5 s are played over what happened from 2.2 s on.
@@ -515,6 +538,23 @@ def test_a_competition_that_is_interrupted_and_runs_again_is_noted(
     assert defects(trial) == noted
 
 
+@pytest.mark.parametrize(
+    ("words", "silent_s"),
+    [(("go", "go", "init", "go", "done"), 0.0), (("init", "go", "init", "go", "done"), 11.0)],
+)
+def test_a_start_that_nobody_knows_is_not_the_one_after_an_interruption(
+    tmp_path: Path, words: Sequence[str], silent_s: float
+) -> None:
+    """Its first word already says that it runs, or says so after a long silence; then it is reset."""
+    first, *others = states(*words)
+    said = [first, *(replace(one, t_ns=one.t_ns + round(silent_s * 1e9)) for one in others)]
+
+    trial = read(tmp_path / "t.bag", said, STATES)
+
+    assert trial.started_s is None
+    assert defects(trial)["late_recording"] == 1
+
+
 def test_a_competition_that_runs_again_after_its_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         LogError, match=r"/state says at 0\.300 s that the competition runs.* 0\.200 s .* over"
@@ -532,6 +572,85 @@ def test_who_watches_vouches_for_no_time_before_he_came(watches_s: float, vouche
 
     assert (ARM_COLLISION in trial.witnessed) is vouches
     assert defects(trial) == ({} if vouches else {"late_watcher": 1})
+
+
+def test_a_link_whose_name_the_pattern_of_its_body_fits_as_well_does_not_vanish(tmp_path: Path) -> None:
+    path, person = (
+        tmp_path / "t.bag",
+        [moved("person", "world", 1.0, START_NS + i * STEP_NS) for i in range(9)],
+    )
+    frames = (BodyMatch("person*", "human", links=("person_hand",)),)
+    write_bag(path, person, storage="ros1")
+
+    trial = RosbagReader().read(path, Wanted(LogMap("t", (FRAMES,), frames=frames), frozenset({"position"})))
+
+    (human,) = trial.bodies
+    assert human.links == ("person_hand",)
+    assert [line.partition(":")[0] for line in trial.unrecorded] == ["link person_hand of person"]
+
+
+# Transforms that never move --------------------------------------------------------------------
+
+
+def fixed(x: float, at_s: float, publisher: str, w: float = 1.0) -> Recorded:
+    message = moved("room", "world", x, START_NS + round(at_s * 1e9), publisher)
+    message.fields["transforms"][0]["transform"]["rotation"]["w"] = w
+    return replace(message, topic="/tf_static")
+
+
+FIXED = Channel("/tf_static", TF, poses="frames")
+
+
+@pytest.mark.parametrize(
+    ("told", "noted"),
+    [
+        (
+            (fixed(0.0, 0.0, "/cal"), fixed(0.05, 0.2, "/urdf")),
+            {"two_publishers": 1, "restated_transform": 1},
+        ),
+        (
+            (fixed(0.05, 0.0, "/urdf"), fixed(0.0, 0.2, "/cal")),
+            {"two_publishers": 1, "restated_transform": 1},
+        ),
+        # Again and again, at a time.
+        (
+            (fixed(0.0, 0.0, "/cal"), fixed(0.05, 1.5, "/urdf"), fixed(0.0, 3.0, "/cal")),
+            {"two_publishers": 1, "restated_transform": 2},
+        ),
+        # One after the other by more than recorders need to meet them; the same of one publisher.
+        ((fixed(0.0, 0.0, "/cal"), fixed(0.05, 1.5, "/cal_2")), {"restated_transform": 1}),
+        ((fixed(0.0, 0.0, "/cal"), fixed(0.05, 0.2, "/cal")), {"restated_transform": 1}),
+        # Both say the same, one by the other of the two quaternions, or rounded.
+        ((fixed(0.05, 0.0, "/cal"), fixed(0.05, 0.2, "/urdf", -1.0)), {}),
+        ((fixed(0.05, 0.0, "/cal"), fixed(0.0500005, 0.2, "/urdf")), {"restated_transform": 1}),
+    ],
+    ids=["at once", "the other way round", "at a time", "later", "by one", "alike", "rounded"],
+)
+@pytest.mark.parametrize("others", [0, 2000])
+def test_who_places_a_frame_for_good_is_not_decided_by_the_order_of_arrival(
+    tmp_path: Path, told: Sequence[Recorded], noted: dict[str, int], others: int
+) -> None:
+    """Few messages are read one by one, many of them in columns."""
+    moving = [moved("person", "room", 1.0, START_NS + i * STEP_NS) for i in range(400)]
+    more = [replace(fixed(7.0, i * 0.002, "/urdf"), t_ns=START_NS + i * 2_000_000) for i in range(others)]
+    for one in more:
+        one.fields["transforms"][0]["child_frame_id"] = "elsewhere"
+
+    trial = read(tmp_path / "t.bag", [*told, *more, *moving], FRAMES, FIXED)
+
+    position = trial.signals.get("position/human")
+    assert defects(trial) == noted
+    assert (position is None or not len(position)) is ("two_publishers" in noted)
+
+
+def test_a_frame_that_is_said_to_move_and_not_to_move_moves_and_that_is_noted(tmp_path: Path) -> None:
+    moving = [moved("person", "world", 1.0, START_NS + i * STEP_NS) for i in range(9)]
+    told = moved("person", "world", 5.0, START_NS)
+
+    trial = read(tmp_path / "t.bag", [replace(told, topic="/tf_static"), *moving], FRAMES, FIXED)
+
+    assert defects(trial) == {"static_and_moving": 1}
+    assert trial.signals["position/human"].values[:, 0] == pytest.approx(1.0)
 
 
 # Who is watched at all, and where --------------------------------------------------------------

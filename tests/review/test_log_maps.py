@@ -281,6 +281,48 @@ def test_whom_the_extended_log_map_reads_in_the_recording_stays(tmp_path: Path) 
     assert sorted(body.id for body in trial.bodies_of("human")) == ["ann", "bob", "human"]
 
 
+def test_a_frame_that_is_taken_for_another_body_leaves_nothing_of_the_one_it_was(tmp_path: Path) -> None:
+    motion = frames(torso_base=swinging, human_base=walking, human_2=still)
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
+    both = ("--human", "human_base", "--human", "human_2")
+    drafted = Drafted(tmp_path, [*given, *motion], "--extends", "ariac2020", *both)
+
+    assert yaml.safe_load(drafted.text)["bodies"] == {"human": None}
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert sorted(body.id for body in trial.bodies_of("human")) == ["human_2", "human_base"]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"human_2": walking}, "human: not frame human_2: moves 4.97 m"),
+        ({"human_pelvis__human_base": walking}, "follow what moves below it: human_pelvis"),
+        ({"left_gripper__torso_base": walking}, "follow what moves below it: left_gripper"),
+    ],
+)
+def test_who_moves_beside_those_that_the_extended_log_map_knows_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: dict[str, Course], said: str
+) -> None:
+    motion = frames(torso_base=swinging, human_base=still, **more)
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
+    Drafted(tmp_path, [*given, *motion], "--extends", "ariac2020")
+
+    assert said in capsys.readouterr().out
+
+
+def test_nobody_takes_the_place_of_someone_who_is_recorded_and_cannot_be_placed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The human of the extended log map hangs below another root than the robot and the visitor."""
+    motion = frames(torso_base=swinging, human_2=walking, human_base__mocap=walking)
+    given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
+    drafted = Drafted(tmp_path, [*given, *motion], "--extends", "ariac2020", "--root-frame", "world")
+
+    assert "human_base is recorded, and has no positions that can be used" in capsys.readouterr().out
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert sorted(body.id for body in trial.bodies_of("human")) == ["human", "human_2"]
+
+
 def test_models_take_the_place_of_frames_that_are_not_recorded(tmp_path: Path) -> None:
     """The log map of 2020 knows robots and people as frames and as models; here they are models."""
     states = [

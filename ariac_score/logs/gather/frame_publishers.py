@@ -21,6 +21,10 @@ _AT_ONCE_NS = 10**9
 """Latched messages come when a recorder meets their publishers, so within 1 s their order says nothing."""
 
 
+_ROUNDED = 1e-6
+"""Places and rotations are written as 32-bit numbers, or with six digits."""
+
+
 class FramePublishers:
     """Takes who sent which transform when."""
 
@@ -98,9 +102,13 @@ class FramePublishers:
                 for value, (count, first_ns, last_ns) in values.items():
                     for other_value, (other_count, other_first_ns, other_last_ns) in other_values.items():
                         start_ns, end_ns = max(first_ns, other_first_ns), min(last_ns, other_last_ns)
-                        if value != other_value and start_ns <= end_ns + _AT_ONCE_NS:
+                        if _differ(value, other_value) and start_ns <= end_ns + _AT_ONCE_NS:
                             whole = min(first_ns, other_first_ns), max(last_ns, other_last_ns)
                             yield child, Contested(*whole, ((one, count), (other, other_count)))
+
+
+def _differ(value: Sequence[float], other: Sequence[float]) -> bool:
+    return max(abs(a - b) for a, b in zip(value, other, strict=True)) > _ROUNDED
 
 
 def _one_way_round(quaternion: Sequence[float]) -> tuple[float, ...]:
