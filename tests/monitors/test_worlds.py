@@ -22,6 +22,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score.trial.work import Item
 from ariac_score_ariac.safety import HumanContact
 from ariac_score_standards import Always, PflContact, SpaceLimit, SsmSeparation
+from ariac_score_stl.formula import StlFormula
 
 STATED = {
     "human": {"max_speed_m_s": 0.6, "source": "walks"},
@@ -645,3 +646,19 @@ def test_of_what_may_have_been_after_an_end_that_nobody_states_only_the_part_bef
     )
     assert best_s == pytest.approx(certain_s, abs=1e-9)
     assert any(one.verdict is Verdict.VIOLATED for one in worlds.worst)
+
+
+@pytest.mark.parametrize(("t_off_s", "most"), [(0.0, 1), (0.45, 3), (0.9, 2), (1.1, 1)])
+def test_a_formula_of_temporal_logic_may_have_one_violation_around_a_gap_or_one_more_for_each_pause(
+    t_off_s: float, most: int
+) -> None:
+    """0.5 m apart but for a gap of 2 s, in which they may have been 1 m apart for 1 s."""
+    given = trial(sampled(0.5, 0.5, 2.0))
+    near_m = StlFormula(
+        formula="always d >= 1", signals={"d": "separation in m"}, max_gap_s=0.05, t_off_s=t_off_s
+    )
+
+    _, (worlds,) = found(near_m, given)
+
+    counts = [sum(f.verdict is Verdict.VIOLATED for f in world) for world in (worlds.best, worlds.worst)]
+    assert counts == [1, most]

@@ -1,0 +1,145 @@
+"""A distance or a speed that is recorded and follows from places as well is bounded by both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ariac_score import Body, Event, Signal, Span, Trial, Verdict
+from ariac_score.checks.open_findings import Worlds
+from ariac_score.monitors.monitor import SubjectMonitor
+from ariac_score.trial.bounds import between_samples
+from ariac_score.trial.derive import Derivation, derive_signals
+from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+from ariac_score.trial.signals import Disbelieved
+from ariac_score_standards import Always
+
+BOUNDS = {
+    "human": {"max_speed_m_s": 2.0, "source": "a test"},
+    "robot": {"max_speed_m_s": 0.0, "source": "bolted down"},
+}
+DISTANCE, SPEED = "separation/arm/ann", "speed/ann"
+GAP = Span(1.0, 1.3)
+AWAY_M = 1.2
+
+
+def farther_than(limit_m: float) -> SubjectMonitor:
+    return Always(
+        holds=f"d >= {limit_m:g}", signals={"d": "separation/{robot}/{human}"}, unit="m", max_gap_s=0.05
+    )
+
+
+def places(x_m: Callable[[np.ndarray], np.ndarray] = lambda t: np.full(len(t), AWAY_M)) -> dict[str, Signal]:
+    """A human and a robot at the origin, seen at 50 Hz from 0 s to 3 s."""
+    t = np.arange(151) / 50
+    nothing = np.zeros(len(t))
+    return {
+        "position/ann": Signal("position/ann", "m", t, np.column_stack([x_m(t), nothing, nothing]), "tf"),
+        "position/arm": Signal("position/arm", "m", t, np.zeros((len(t), 3)), "tf"),
+    }
+
+
+def recorded(value: float = AWAY_M, name: str = DISTANCE) -> Signal:
+    """100 samples per second, and none in the gap."""
+    t = np.arange(301) / 100
+    t = t[(t <= GAP.start_s) | (t >= GAP.end_s)]
+    unit = "m" if name == DISTANCE else "m/s"
+    return Signal(name, unit, t, np.full(len(t), value), "/scanner")
+
+
+def trial(*signals: Signal, every: bool = False, stand_ins: bool = False) -> Trial:
+    ends = (Event(0.0, COMPETITION_STARTED), Event(3.0, COMPETITION_ENDED))
+    given = Trial(
+        "t",
+        bodies=(Body("arm", "robot", 0.0), Body("ann", "human", 0.0)),
+        signals={signal.name: signal for signal in signals},
+        events=ends,
+        recorded=Span(0.0, 3.0),
+        between=between_samples({}, BOUNDS, every=every),
+        stand_ins={DISTANCE: "/scanner"} if stand_ins else {},
+    )
+    return derive_signals(given, [Derivation(quantity, 0.05) for quantity in ("separation", "speed")])
+
+
+def worst_s(monitor: SubjectMonitor, given: Trial) -> float:
+    """For how long the limit may have been broken, s."""
+    return sum(
+        finding.quantities["time_in_violation_s"]
+        for one in monitor.watch_worlds(given)
+        for finding in (one.worst if isinstance(one, Worlds) else (one,))
+        if finding.verdict is Verdict.VIOLATED
+    )
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_what_frames_show_in_the_gap_of_a_distance_is_not_open(every: bool) -> None:
+    """At 2 m/s she may have been 0.3 m nearer; between two frames 0.02 m, and 0.01 m for both sources."""
+    frames = tuple(places().values())
+
+    assert worst_s(farther_than(1.0), trial(recorded(), every=every)) > 0.0
+    assert worst_s(farther_than(1.16), trial(recorded(), *frames, every=every)) == 0.0
+
+
+def test_what_may_have_been_between_two_frames_stays_open() -> None:
+    """Whoever leaves out the samples of a short approach between two frames does not hide it."""
+    frames = tuple(places().values())
+
+    assert worst_s(farther_than(1.18), trial(recorded(), *frames)) > 0.0
+    assert worst_s(farther_than(1.18), trial(*frames)) == 0.0  # nobody said that there is a distance
+
+
+def shifted(t: np.ndarray) -> np.ndarray:
+    return np.full(len(t), AWAY_M + 0.05)
+
+
+def elsewhere_in_the_gap(t: np.ndarray) -> np.ndarray:
+    return np.where((t > 0.5) & (t < 0.52), AWAY_M + 0.03, AWAY_M)
+
+
+def test_a_distance_of_other_points_fills_no_gap() -> None:
+    of_surfaces = trial(recorded(), *places(shifted).values())
+    almost_always_alike = trial(recorded(), *places(elsewhere_in_the_gap).values())
+
+    assert worst_s(farther_than(1.0), of_surfaces) == worst_s(farther_than(1.0), trial(recorded())) > 0.0
+    assert worst_s(farther_than(1.0), almost_always_alike) == 0.0
+
+
+@pytest.mark.parametrize(
+    "doubted",
+    [
+        replace(recorded(), holes=(GAP,)),
+        replace(recorded(), disbelieved=(Disbelieved(GAP, 1.1, 0.0, 0.5, 1.2, contested=True),)),
+    ],
+    ids=["known to be lost", "contested"],
+)
+def test_what_a_source_is_known_to_lack_or_contests_itself_no_other_settles(doubted: Signal) -> None:
+    assert worst_s(farther_than(1.0), trial(doubted, *places().values())) > 0.0
+
+
+def test_frames_that_stand_for_a_topic_are_bounded_between_their_own_samples() -> None:
+    frames = tuple(places().values())
+    instead = trial(*frames, stand_ins=True)
+
+    assert worst_s(farther_than(1.16), instead) == 0.0
+    assert worst_s(farther_than(1.18), instead) > 1.5  # whenever no sample is near
+    (opened,) = (one for one in farther_than(1.18).watch_worlds(instead) if isinstance(one, Worlds))
+    assert opened.causes[0].text.endswith("which stand for /scanner, of a stated rate and not recorded")
+    assert not opened.tight
+
+
+@pytest.mark.parametrize(("limit_m_s", "is_open"), [(1.4, True), (1.6, False)])
+def test_a_dash_that_a_speed_over_several_frames_smooths_away_stays_open(
+    limit_m_s: float, is_open: bool
+) -> None:
+    """0.5 m/s, and 1.5 m/s from one frame to the next: 0.75 m/s over four of them, at most 0.02 m/s apart."""
+    walk = np.concatenate(([0.0], np.cumsum(np.where(np.arange(150) == 57, 0.03, 0.01))))
+    frames = places(lambda _: walk)
+    slow = Always(holds=f"v <= {limit_m_s:g}", signals={"v": "speed/{human}"}, unit="m/s", max_gap_s=0.05)
+
+    given = trial(recorded(0.5, SPEED), *frames.values())
+
+    assert given.twins[SPEED].at(np.array([1.15])) == pytest.approx(0.75, abs=0.3)
+    assert (worst_s(slow, given) > 0.0) is is_open
