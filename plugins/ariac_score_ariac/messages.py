@@ -26,8 +26,9 @@ __all__ = [
     "OsrfGear2018",
 ]
 
+_BEFORE = ("init", "ready")
 _STATES = {"go": COMPETITION_STARTED, "end_game": COMPETITION_ENDED, "done": COMPETITION_ENDED}
-"""Words of 2017 to 2022, besides `init` and `ready`.
+"""Words of 2017 to 2022, besides those before.
 
 Either of the last two ends the competition: `end_game` lasts one step of the simulation, 1 ms, and the
 state is published ten times a second, so most recordings go from `go` to `done`.
@@ -51,11 +52,12 @@ class _Gear:
             t_s: Its stamp, s of trial time.
 
         Raises:
-            ValueError: A pose in an order is not finite or has no orientation, or the
+            ValueError: A pose in an order is not finite or has no orientation, a word is no state, or the
                 message has the fields of another edition.
         """
-        # The log map decides which topic comes here; other words of it are states without an event.
-        if msgtype == "std_msgs/msg/String":
+        if msgtype == "std_msgs/msg/String":  # the log map decides which topic comes here
+            if message.data not in (*_STATES, *_BEFORE):
+                raise ValueError(f"{message.data!r} is no state: {', '.join((*_BEFORE, *_STATES))}")
             return Event(t_s, _STATES[message.data]) if message.data in _STATES else None
         package, _, name = msgtype.partition("/msg/")
         if package not in ("nist_gear", "osrf_gear"):

@@ -86,13 +86,18 @@ def test_an_update_names_the_order_it_replaces() -> None:
         ("done", Event(3.0, COMPETITION_ENDED)),  # `end_game` before it lasts 1 ms
         ("ready", None),
         ("init", None),
-        ("", None),
     ],
 )
 def test_the_competition_starts_with_go_and_ends_with_end_game_or_done(
     state: str, event: Event | None
 ) -> None:
     assert GEAR.decode(STRING, Fields(data=state), 3.0) == event
+
+
+@pytest.mark.parametrize("state", ["GO", "", "started"])
+def test_a_word_that_is_no_state_is_named_with_those_that_are(state: str) -> None:
+    with pytest.raises(ValueError, match=f"'{state}' is no state: init, ready, go, end_game, done"):
+        GEAR.decode(STRING, Fields(data=state), 3.0)
 
 
 def test_messages_of_other_types_mean_nothing() -> None:
