@@ -201,7 +201,7 @@ class ScoreSheet:
         """Whether the score takes values across teams."""
         return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))
 
-    @property
+    @cached_property
     def pooled(self) -> tuple[str, ...]:
         """The terms of the trial that the score takes at their greatest over all runs (`runs.…`)."""
         formulas = [
