@@ -151,7 +151,7 @@ class Unseen:
     remarks: dict[str, None] = field(default_factory=dict)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _twins: dict[str, Signal | None] = field(default_factory=dict)
-    _stand_ins: dict[bool, Unseen] = field(default_factory=dict)
+    _stand_ins: dict[tuple[bool, bool], Unseen] = field(default_factory=dict)
 
     # Where a signal is from -------------------------------------------------------------------
 
@@ -194,18 +194,20 @@ class Unseen:
         if signal.name not in self._twins:
             twin = None if isinstance(signal, Computed) else self.trial.twins.get(signal.name)
             opened = twin is not None and any(one.open.any() for one in self._own_streams(signal))
-            alike = opened and twin is not None and say_the_same(signal, twin)
+            late_s = max(map(self.error_s, (signal, *self._recorded(twin)))) if twin is not None else 0.0
+            alike = opened and twin is not None and say_the_same(signal, twin, late_s)
             self._twins[signal.name] = twin if alike else None
         return self._twins[signal.name]
 
     def _as_stand_in(self, signal: Signal) -> Unseen:
         """How to ask what stands in for a source: it may have gone anywhere between its own samples."""
         every = self.assumed.every or quantity_of(signal.name) in DISTANCES
-        if every not in self._stand_ins:
-            remarks = self.remarks if self._stands_in_for(signal) else {}
+        key = every, bool(self._stands_in_for(signal))
+        if key not in self._stand_ins:
+            remarks = self.remarks if key[1] else {}
             assumed = replace(self.assumed, every=every)
-            self._stand_ins[every] = Unseen(self.trial, assumed, self.window, self.max_gap_s, remarks)
-        return self._stand_ins[every]
+            self._stand_ins[key] = Unseen(self.trial, assumed, self.window, self.max_gap_s, remarks)
+        return self._stand_ins[key]
 
     def _standing_in(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         """The least and the most of what stands in for a source, as far as the two may differ."""

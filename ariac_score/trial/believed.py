@@ -140,7 +140,10 @@ def believed(
                 "nothing is known there"
             )
             defects.append(LogDefect("implausible_jump", signal.name, int(jumped.sum()), message))
-        slow = denied(signal, steady.get(f"position/{subject_of(name)}"))
+        place = f"position/{subject_of(name)}"
+        # Who was put somewhere else before the start did not travel there.
+        put = place in signals and bool(jumping[place][signals[place].t < start_s].any())
+        slow = _denied(signal, steady.get(place), start_s if put else -np.inf)
         if slow.any():
             at_s = float(signal.t[np.argmax(slow)])
             message = (
@@ -165,6 +168,21 @@ def believed(
         left_out = replace(signal, disbelieved=(*signal.disbelieved, *more)) if more else signal
         found[name] = _without(left_out, jumped | again | slow)
     return found, defects
+
+
+def _denied(signal: Signal, position: Signal | None, anew_s: float) -> BoolArray:
+    """Which samples of a speed are denied, before a moment and from the last sample before it on."""
+    anew_s = max(signal.t[signal.t <= anew_s], default=-np.inf)
+    parts = [
+        denied(_between(signal, *ends), None if position is None else _between(position, *ends))
+        for ends in ((-np.inf, anew_s), (anew_s, np.inf))
+    ]
+    return np.concatenate(parts)
+
+
+def _between(signal: Signal, start_s: float, end_s: float) -> Signal:
+    rows = slice(*signal.t.searchsorted((start_s, end_s)))
+    return replace(signal, t=signal.t[rows], values=signal.values[rows])
 
 
 def _disbelieved(signal: Signal, jumped: BoolArray) -> tuple[Disbelieved, ...]:

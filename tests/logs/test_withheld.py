@@ -17,6 +17,7 @@ from ariac_score.errors import LogError
 from ariac_score.logs.rosbag import RosbagReader
 from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.testing.bags import Recorded, Storage, write_bag
+from ariac_score.trial.believed import believed
 from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel, FieldMap, LogMap
@@ -428,6 +429,23 @@ def test_who_was_put_somewhere_else_before_the_start_is_there_from_the_start_on(
     signal = trial.signals["position/human"]
     in_it = signal.gaps(Span(trial.window.start_s, 0.6) if trial.window else Span(0, 1), max_gap_s=0.05)
     assert bool(in_it) is bool(unknown)
+
+
+def test_who_was_put_somewhere_else_before_the_start_did_not_travel_there() -> None:
+    """A person stands, says so, and is 46 m further away at 3 s: whoever says so of 6 m/s would deny it."""
+    t = np.arange(1000) / 100
+    place = np.column_stack([np.where(t < 3.0, 0.0, 46.0), 0.0 * t, 0.0 * t])
+    signals = {
+        "position/human": Signal("position/human", "m", t, place),
+        "speed/human": Signal("speed/human", "m/s", t, 0.0 * t),
+    }
+
+    found, _ = believed(signals, (Body("human", "human"),), start_s=5.0)
+    unstated, _ = believed(signals, (Body("human", "human"),))
+
+    for name, signal in found.items():
+        assert signal.gaps(Span(5.0, 9.99), max_gap_s=0.05) == [], name
+    assert unstated["position/human"].gaps(Span(5.0, 9.99), max_gap_s=0.05)
 
 
 def test_a_stretch_that_comes_back_to_the_last_bit_is_unknown(tmp_path: Path) -> None:

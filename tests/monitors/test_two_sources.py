@@ -32,7 +32,16 @@ def farther_than(limit_m: float) -> SubjectMonitor:
     )
 
 
-def places(x_m: Callable[[np.ndarray], np.ndarray] = lambda t: np.full(len(t), AWAY_M)) -> dict[str, Signal]:
+def coming(t: np.ndarray) -> np.ndarray:
+    """She comes near within 0.5 s, and then stands."""
+    return np.maximum(AWAY_M, AWAY_M + 0.5 - t)
+
+
+def standing(t: np.ndarray) -> np.ndarray:
+    return np.full(len(t), AWAY_M)
+
+
+def places(x_m: Callable[[np.ndarray], np.ndarray] = coming) -> dict[str, Signal]:
     """A human and a robot at the origin, seen at 50 Hz from 0 s to 3 s."""
     t = np.arange(151) / 50
     nothing = np.zeros(len(t))
@@ -42,12 +51,14 @@ def places(x_m: Callable[[np.ndarray], np.ndarray] = lambda t: np.full(len(t), A
     }
 
 
-def recorded(value: float = AWAY_M, name: str = DISTANCE) -> Signal:
+def recorded(
+    value: Callable[[np.ndarray], np.ndarray] = coming, name: str = DISTANCE, late_s: float = 0.0
+) -> Signal:
     """100 samples per second, and none in the gap."""
     t = np.arange(301) / 100
     t = t[(t <= GAP.start_s) | (t >= GAP.end_s)]
     unit = "m" if name == DISTANCE else "m/s"
-    return Signal(name, unit, t, np.full(len(t), value), "/scanner")
+    return Signal(name, unit, t, value(t - late_s), "/scanner")
 
 
 def trial(*signals: Signal, every: bool = False, stand_ins: bool = False) -> Trial:
@@ -92,19 +103,36 @@ def test_what_may_have_been_between_two_frames_stays_open() -> None:
 
 
 def shifted(t: np.ndarray) -> np.ndarray:
-    return np.full(len(t), AWAY_M + 0.05)
+    return coming(t) + 0.05
 
 
-def elsewhere_in_the_gap(t: np.ndarray) -> np.ndarray:
-    return np.where((t > 0.5) & (t < 0.52), AWAY_M + 0.03, AWAY_M)
+def elsewhere_once(t: np.ndarray) -> np.ndarray:
+    return coming(t) + 0.03 * (np.abs(t - 2.0) < 0.015)
 
 
-def test_a_distance_of_other_points_fills_no_gap() -> None:
-    of_surfaces = trial(recorded(), *places(shifted).values())
-    almost_always_alike = trial(recorded(), *places(elsewhere_in_the_gap).values())
+@pytest.mark.parametrize(
+    ("distance", "frames"),
+    [
+        (recorded(), shifted),
+        (recorded(), elsewhere_once),
+        (recorded(late_s=0.06), coming),  # at 1 m/s
+        (recorded(standing), standing),
+    ],
+    ids=["of surfaces", "contradicted once", "always late", "at rest"],
+)
+def test_what_contradicts_or_never_showed_that_it_agrees_fills_no_gap(
+    distance: Signal, frames: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    given = trial(distance, *places(frames).values())
 
-    assert worst_s(farther_than(1.0), of_surfaces) == worst_s(farther_than(1.0), trial(recorded())) > 0.0
-    assert worst_s(farther_than(1.0), almost_always_alike) == 0.0
+    assert worst_s(farther_than(1.0), given) == worst_s(farther_than(1.0), trial(distance)) > 0.0
+
+
+def test_stamps_that_may_be_late_contradict_nothing_within_that_time() -> None:
+    late = replace(recorded(late_s=0.06), stamp_jitter_s=0.06)
+
+    assert worst_s(farther_than(1.0), trial(late)) > 0.0
+    assert worst_s(farther_than(1.0), trial(late, *places().values())) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -124,7 +152,7 @@ def test_frames_that_stand_for_a_topic_are_bounded_between_their_own_samples() -
     instead = trial(*frames, stand_ins=True)
 
     assert worst_s(farther_than(1.16), instead) == 0.0
-    assert worst_s(farther_than(1.18), instead) > 1.5  # whenever no sample is near
+    assert worst_s(farther_than(1.18), instead) > 1.4  # whenever no sample is near
     (opened,) = (one for one in farther_than(1.18).watch_worlds(instead) if isinstance(one, Worlds))
     assert opened.causes[0].text.endswith("which stand for /scanner, of a stated rate and not recorded")
     assert not opened.tight
@@ -139,7 +167,7 @@ def test_a_dash_that_a_speed_over_several_frames_smooths_away_stays_open(
     frames = places(lambda _: walk)
     slow = Always(holds=f"v <= {limit_m_s:g}", signals={"v": "speed/{human}"}, unit="m/s", max_gap_s=0.05)
 
-    given = trial(recorded(0.5, SPEED), *frames.values())
+    given = trial(recorded(lambda t: np.full(len(t), 0.5), SPEED), *frames.values())
 
     assert given.twins[SPEED].at(np.array([1.15])) == pytest.approx(0.75, abs=0.3)
     assert (worst_s(slow, given) > 0.0) is is_open
