@@ -236,7 +236,7 @@ def test_the_log_map_that_reads_the_orders_is_extended(
     assert "extends" not in yaml.safe_load(equal.text)
     nobody = ("--human", "none", "--robot", "none")
     by_rules = Drafted(tmp_path, without_motion, "--rules", "paper2020.published", *nobody)
-    assert (by_rules.code, yaml.safe_load(by_rules.text)["extends"]) == (0, "ariac2020")
+    assert (by_rules.code, yaml.safe_load(by_rules.text)["extends"]) == (0, "paper2020")
 
 
 def test_a_state_of_the_competition_under_another_name_is_a_row_to_take(tmp_path: Path) -> None:
