@@ -14,7 +14,7 @@ from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vectors import lengths
 from ariac_score.trial.vocabulary import quantity_of
 
-__all__ = ["ALIKE", "DISTANCES", "SPEEDS", "by_intervals", "say_the_same"]
+__all__ = ["ALIKE", "DISTANCES", "SPEEDS", "by_intervals", "never_moved", "say_the_same"]
 
 DISTANCES = ("centre_distance", "centre_distance_2d", "separation", "body_separation")
 SPEEDS = ("speed", "tcp_speed")
@@ -65,13 +65,24 @@ def say_the_same(recorded: Signal, twin: Signal, late_s: float) -> bool:
     if len(t) < _FEWEST:
         return False
     said = recorded.values[recorded.t.searchsorted(t)]
-    moved = np.ptp(said) if quantity in DISTANCES else np.abs(said).max()
-    if moved < _MOVED * ALIKE[quantity]:
+    if not _moved(quantity, said):
         return False
     ends = [np.interp(t + edge_s, twin.t, values) for edge_s in (-within_s, within_s)]
     low, high = (_extreme(of, values, first, behind) for of in (np.minimum, np.maximum))
     low, high = np.minimum(low, np.minimum(*ends)), np.maximum(high, np.maximum(*ends))
     return bool(((said >= low - ALIKE[quantity]) & (said <= high + ALIKE[quantity])).all())
+
+
+def never_moved(speed: Signal) -> bool:
+    """Whether a speed shows nobody in motion, so that it may be of another point than the one that moves."""
+    return not _moved(quantity_of(speed.name), speed.values)
+
+
+def _moved(quantity: str, values: FloatArray) -> bool:
+    if not len(values):
+        return False
+    change = np.ptp(values) if quantity in DISTANCES else np.abs(values).max()
+    return bool(change >= _MOVED * ALIKE[quantity])
 
 
 def _extreme(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.monitors.alike import ALIKE, DISTANCES, SPEEDS, by_intervals, say_the_same
+from ariac_score.monitors.alike import ALIKE, DISTANCES, SPEEDS, by_intervals, never_moved, say_the_same
 from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream
 from ariac_score.monitors.gaps import (
     Drive,
@@ -201,13 +201,18 @@ class Unseen:
 
     def _as_stand_in(self, signal: Signal) -> Unseen:
         """How to ask what stands in for a source: it may have gone anywhere between its own samples."""
-        every = self.assumed.every or quantity_of(signal.name) in DISTANCES
+        every = self.assumed.every or quantity_of(signal.name) in DISTANCES or self._may_be_another(signal)
         key = every, bool(self._stands_in_for(signal))
         if key not in self._stand_ins:
             remarks = self.remarks if key[1] else {}
             assumed = replace(self.assumed, every=every)
             self._stand_ins[key] = Unseen(self.trial, assumed, self.window, self.max_gap_s, remarks)
         return self._stand_ins[key]
+
+    def _may_be_another(self, signal: Signal) -> bool:
+        """Whether what stands in may be of a point that rests while others move: the base of an arm."""
+        is_speed = quantity_of(signal.name) in SPEEDS
+        return is_speed and bool(self._stands_in_for(signal)) and never_moved(signal)
 
     def _standing_in(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         """The least and the most of what stands in for a source, as far as the two may differ."""
@@ -216,6 +221,8 @@ class Unseen:
         if found is None or apart is None:
             return found
         least, most = found
+        if self._may_be_another(signal):
+            return np.zeros(len(least)), np.full(len(most), self.rate_m_s(signal))
         if quantity_of(signal.name) in SPEEDS:
             for one in self._own_streams(signal):
                 slowest, fastest = by_intervals(one, cells)
