@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -25,6 +25,7 @@ ALIKE: Mapping[str, float] = MappingProxyType(
 """Two sources that say the same differ by no more, m or m/s: late stamps, and speeds over several samples. A
 distance of surfaces differs by far more from one of centres. Our choice."""
 
+_PLACE_M = ALIKE["centre_distance"]
 _FEWEST = 20
 """So many samples at least must say the same."""
 _MOVED = 10.0
@@ -73,9 +74,16 @@ def say_the_same(recorded: Signal, twin: Signal, late_s: float) -> bool:
     return bool(((said >= low - ALIKE[quantity]) & (said <= high + ALIKE[quantity])).all())
 
 
-def never_moved(speed: Signal) -> bool:
-    """Whether a speed shows nobody in motion, so that it may be of another point than the one that moves."""
-    return not _moved(quantity_of(speed.name), speed.values)
+def never_moved(recorded: Iterable[Signal]) -> bool:
+    """Whether places, or velocities, show nobody in motion, so that what moves may be another point."""
+    for one in recorded:
+        if quantity_of(one.name) != "position":
+            column = lengths(one.values) if one.values.ndim > 1 else one.values
+            if _moved("speed", column):
+                return False
+        elif len(one) and float(np.hypot.reduce(np.ptp(one.values, axis=0))) >= _MOVED * _PLACE_M:
+            return False
+    return True
 
 
 def _moved(quantity: str, values: FloatArray) -> bool:

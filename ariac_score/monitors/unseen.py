@@ -212,7 +212,7 @@ class Unseen:
     def _may_be_another(self, signal: Signal) -> bool:
         """Whether what stands in may be of a point that rests while others move: the base of an arm."""
         is_speed = quantity_of(signal.name) in SPEEDS
-        return is_speed and bool(self._stands_in_for(signal)) and never_moved(signal)
+        return is_speed and bool(self._stands_in_for(signal)) and never_moved(self._recorded(signal))
 
     def _standing_in(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         """The least and the most of what stands in for a source, as far as the two may differ."""
