@@ -55,6 +55,8 @@ OPTIONAL_WORSE: Mapping[str, Worse] = {"m": "low", "m/s": "high"}
 
 RESOLUTION_S = 1e-8
 """Cells of an instant make times differ by less than this."""
+SAID_S = 0.0005
+"""What is shorter is said as 0 s."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,7 @@ def _said(gap: Span, best: Sequence[JudgedLimit], worst: Sequence[JudgedLimit]) 
     least_s, most_s = _broken_s(best, gap), _broken_s(worst, gap)
     if most_s - least_s <= RESOLUTION_S:
         return ""
-    if least_s > RESOLUTION_S:
+    if least_s >= SAID_S:
         return f"a violation was certain in it, for {least_s:.3f} to {most_s:.3f} s"
     return f"a violation was possible in it, for 0 to {most_s:.3f} s"
 

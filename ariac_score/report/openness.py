@@ -23,12 +23,15 @@ __all__ = [
     "is_at_worst",
     "narrowing_text",
     "open_sentence",
+    "stand_in_text",
     "undecided_text",
     "which_counts",
     "would_narrow",
 ]
 
 _MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
+
+_STANDS = re.compile(r"which stand for (.+), of a stated rate and not recorded")
 
 _COUNTS = {
     "worst": "the lower end counts",
@@ -114,6 +117,16 @@ def bounds_text(result: Result) -> str:
     ours = any(one.origin == "default" for one in found.values())
     remedy = ", by our defaults; state what is so under 'bounds:' of the log map or the rule set"
     return f"between samples: {', '.join(said)}{remedy if ours else ''}"
+
+
+def stand_in_text(result: Result) -> str:
+    """What to do about a topic for which others stand, where nobody publishes it; empty where none does."""
+    causes = () if result.interval is None else (one.cause for one in result.interval.narrowing)
+    topics = sorted({found[1] for cause in causes if (found := _STANDS.search(cause))})
+    if not topics:
+        return ""
+    there = " and ".join(topics)
+    return f"{there}: where nobody publishes it, score with a log map that states no rate of it (--log-map)"
 
 
 def is_at_worst(result: Result) -> bool:

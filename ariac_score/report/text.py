@@ -18,6 +18,7 @@ from ariac_score.report.openness import (
     bounds_text,
     is_at_worst,
     open_sentence,
+    stand_in_text,
     undecided_text,
     would_narrow,
 )
@@ -360,8 +361,9 @@ def _narrowing(result: Result, style: Style) -> Iterator[str]:
         return
     if len(lines) > _SHOWN:
         yield style(f"  … and {len(lines) - _SHOWN} more; see the result", "dim")
-    if bounds := bounds_text(result):
-        yield style(f"  {plain(bounds)}", "dim")
+    for remedy in (bounds_text(result), stand_in_text(result)):
+        if remedy:
+            yield style(f"  {plain(remedy)}", "dim")
 
 
 _POLICY_WORDS = {

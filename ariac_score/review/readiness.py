@@ -17,6 +17,7 @@ from ariac_score.engine.score import score_trial
 from ariac_score.results.result import Result
 from ariac_score.review.missing_topics import MissingTopics, gives, grouped, missing_topics, work_topics
 from ariac_score.scoring.ruleset import RuleSet, installed_rule_sets, rule_set_from_text
+from ariac_score.trial.bounds import USUAL_INTERVALS
 from ariac_score.trial.derive import source_quantities
 from ariac_score.trial.spans import Span
 from ariac_score.trial.words import HANDED_IN
@@ -149,6 +150,11 @@ def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iter
         words = cause + _and_others(spans.get(check, []))
         topics = tuple(missing_topics(check, prepared, recorded))
         yield Lack(check, effect, words, _remedy(check, prepared, recorded), topics)
+    # A monitor that accepts each gap may find more in what was not seen all the same.
+    for check in dict.fromkeys(check for one in narrowing for check in one.checks if check not in causes):
+        cause = next(one.cause for one in narrowing if check in one.checks)
+        topics = tuple(missing_topics(check, prepared, recorded))
+        yield Lack(check, "opens", cause, _remedy(check, prepared, recorded), topics)
     if result.status == "incomplete" and result.missing:
         yield Lack("score", "withholds", result.missing, "add the trial configuration, or record the orders")
 
@@ -197,7 +203,8 @@ def _remedy(check: str, prepared: Prepared, recorded: frozenset[str]) -> str:
     gap_s = min(need.max_gap_s for need in needs)
     there = [topic for topic in dict.fromkeys(giving) if topic in recorded]
     from_there = f"; recorded for it: {', '.join(there)}" if there else ""
-    return f"it needs {signals} without gaps longer than {gap_s:g} s{from_there}"
+    gaps = f"gaps longer than {gap_s:g} s or {USUAL_INTERVALS:g} usual intervals"
+    return f"it needs {signals} without {gaps}{from_there}"
 
 
 def _notes(result: Result) -> Iterator[str]:
