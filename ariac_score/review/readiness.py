@@ -142,16 +142,19 @@ def _lacks(result: Result, prepared: Prepared, recorded: frozenset[str]) -> Iter
             causes.setdefault(finding.check, f"{finding.subject}: {finding.message}")
             if finding.span is not None:
                 spans.setdefault(finding.check, []).append(finding.span)
+    said = False
     for check, cause in causes.items():
         policy = policies.get(check)
         effect = "nothing" if policy is None else _EFFECTS.get(policy, "costs")
         if effect == "opens" and check not in moving:
             effect = "nothing"  # it is the same score in every world
+        said |= effect == "opens"
         words = cause + _and_others(spans.get(check, []))
         topics = tuple(missing_topics(check, prepared, recorded))
         yield Lack(check, effect, words, _remedy(check, prepared, recorded), topics)
-    # A monitor that accepts each gap may find more in what was not seen all the same.
-    for check in dict.fromkeys(check for one in narrowing for check in one.checks if check not in causes):
+    # Monitors that accept each gap may find more in what was not seen all the same.
+    unsaid = () if said else narrowing
+    for check in dict.fromkeys(check for one in unsaid for check in one.checks if check not in causes):
         cause = next(one.cause for one in narrowing if check in one.checks)
         topics = tuple(missing_topics(check, prepared, recorded))
         yield Lack(check, "opens", cause, _remedy(check, prepared, recorded), topics)
