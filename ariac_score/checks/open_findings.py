@@ -23,10 +23,34 @@ __all__ = [
     "gaps_in_words",
     "in_words",
     "settled_open",
+    "standing_for",
+    "stood_for",
 ]
 
 MOST_SPANS = 1000
 """Of a cause, stretches that are kept; its text counts them all."""
+
+
+_STANDS_FOR = "which stand for {}, of a stated rate and not recorded"
+
+
+def standing_for(topics: Sequence[str]) -> str:
+    """What a cause says of a source that stands for topics which are not there.
+
+    >>> standing_for(["/snapshot"])
+    'which stand for /snapshot, of a stated rate and not recorded'
+    """
+    return _STANDS_FOR.format(" and ".join(topics))
+
+
+def stood_for(text: str) -> str:
+    """The topics that a cause says others stand for; empty where none do.
+
+    >>> stood_for("2 gaps of 10 ms on tf frames, " + standing_for(["/snapshot"])), stood_for("2 gaps")
+    ('/snapshot', '')
+    """
+    found = re.search(_STANDS_FOR.format("(.+)"), text)
+    return found[1] if found else ""
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,9 @@ from ariac_score.monitors.cells import Cells, Stream
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vectors import lengths
-from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 
-__all__ = ["ALIKE", "DISTANCES", "SPEEDS", "by_intervals", "never_moved", "say_the_same"]
-
-DISTANCES = ("centre_distance", "centre_distance_2d", "separation", "body_separation")
-SPEEDS = ("speed", "tcp_speed")
+__all__ = ["ALIKE", "by_intervals", "never_moved", "say_the_same"]
 
 ALIKE: Mapping[str, float] = MappingProxyType(
     {**dict.fromkeys(DISTANCES, 0.01), **dict.fromkeys(SPEEDS, 0.02)}

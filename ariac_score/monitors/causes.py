@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ariac_score.checks.open_findings import MOST_SPANS, Cause, gaps_in_words
+from ariac_score.checks.open_findings import MOST_SPANS, Cause, gaps_in_words, standing_for
 from ariac_score.monitors.cells import TOLERANCE_S, Stream
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import FloatArray, Span, merged
@@ -94,4 +94,4 @@ def _thinned(own: Sequence[Stream]) -> str:
 def _instead(own: Sequence[Stream]) -> str:
     """That a source stands for a topic that was not recorded, in words; empty where it does not."""
     topics = sorted({one.stands_for for one in own} - {""})
-    return f", which stand for {' and '.join(topics)}, of a stated rate and not recorded" if topics else ""
+    return f", {standing_for(topics)}" if topics else ""

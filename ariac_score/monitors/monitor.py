@@ -15,7 +15,6 @@ from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
-from ariac_score.monitors.alike import DISTANCES, SPEEDS
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
     Bound,
@@ -34,7 +33,7 @@ from ariac_score.monitors.worlds import Worse, Worsening, open_worlds, whole_win
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 from ariac_score.trial.window import lasted_of, lasting, surely_of
 
 __all__ = ["LimitMonitor", "MarginMonitor", "Reach", "SubjectMonitor"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ariac_score.monitors.alike import ALIKE, DISTANCES, SPEEDS, by_intervals, never_moved, say_the_same
+from ariac_score.monitors.alike import ALIKE, by_intervals, never_moved, say_the_same
 from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream
 from ariac_score.monitors.gaps import (
     Drive,
@@ -27,7 +27,7 @@ from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, within_spans
 from ariac_score.trial.vectors import lengths
-from ariac_score.trial.vocabulary import quantity_of, signal_in_words, subject_of
+from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of, signal_in_words, subject_of
 
 __all__ = ["Broken", "Unseen", "broken_bounds"]
 

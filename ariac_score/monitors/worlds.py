@@ -19,7 +19,6 @@ from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Cause, Worlds
-from ariac_score.monitors.alike import DISTANCES, SPEEDS
 from ariac_score.monitors.causes import causes_of_cells, causes_of_spans
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
@@ -30,7 +29,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.sums import exact_sum
-from ariac_score.trial.vocabulary import quantity_of
+from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 
 __all__ = [
     "Opened",

@@ -8,7 +8,7 @@ from decimal import Decimal
 
 from msgspec import UnsetType
 
-from ariac_score.checks.open_findings import by_source
+from ariac_score.checks.open_findings import by_source, stood_for
 from ariac_score.report.figures import amount_text, rounded_points
 from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import undecided_text
@@ -30,8 +30,6 @@ __all__ = [
 ]
 
 _MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
-
-_STANDS = re.compile(r"which stand for (.+), of a stated rate and not recorded")
 
 _COUNTS = {
     "worst": "the lower end counts",
@@ -122,7 +120,7 @@ def bounds_text(result: Result) -> str:
 def stand_in_text(result: Result) -> str:
     """What to do about a topic for which others stand, where nobody publishes it; empty where none does."""
     causes = () if result.interval is None else (one.cause for one in result.interval.narrowing)
-    topics = sorted({found[1] for cause in causes if (found := _STANDS.search(cause))})
+    topics = sorted({topics for cause in causes if (topics := stood_for(cause))})
     if not topics:
         return ""
     there = " and ".join(topics)

@@ -143,7 +143,10 @@ def believed(
         place = f"position/{subject_of(name)}"
         # Who was put somewhere else before the start did not travel there.
         put = place in signals and bool(jumping[place][signals[place].t < start_s].any())
-        slow = _denied(signal, steady.get(place), start_s if put else -np.inf)
+        position = steady.get(place)
+        slow = (
+            _denied(signal, position, start_s) if put and position is not None else denied(signal, position)
+        )
         if slow.any():
             at_s = float(signal.t[np.argmax(slow)])
             message = (
@@ -170,14 +173,12 @@ def believed(
     return found, defects
 
 
-def _denied(signal: Signal, position: Signal | None, anew_s: float) -> BoolArray:
+def _denied(signal: Signal, position: Signal, anew_s: float) -> BoolArray:
     """Which samples of a speed are denied, before a moment and from the last sample before it on."""
-    anew_s = max(signal.t[signal.t <= anew_s], default=-np.inf)
-    parts = [
-        denied(_between(signal, *ends), None if position is None else _between(position, *ends))
-        for ends in ((-np.inf, anew_s), (anew_s, np.inf))
-    ]
-    return np.concatenate(parts)
+    before = int(signal.t.searchsorted(anew_s, side="right"))
+    anew_s = float(signal.t[before - 1]) if before else anew_s
+    ends = (-np.inf, anew_s), (anew_s, np.inf)
+    return np.concatenate([denied(_between(signal, *one), _between(position, *one)) for one in ends])
 
 
 def _between(signal: Signal, start_s: float, end_s: float) -> Signal:

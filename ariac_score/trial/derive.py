@@ -20,7 +20,7 @@ from ariac_score.trial.signals import Signal, common_times
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vectors import lengths
 from ariac_score.trial.velocities import HALF_WINDOW_SAMPLES, TELEPORT_SPEED_M_S, Velocity
-from ariac_score.trial.vocabulary import ENVIRONMENT, QUANTITIES, Quantity, quantity_of
+from ariac_score.trial.vocabulary import DISTANCES, ENVIRONMENT, QUANTITIES, SPEEDS, Quantity, quantity_of
 
 __all__ = [
     "SOURCES",
@@ -93,11 +93,6 @@ class DerivedSignal:
     def _fields(template: str) -> set[str]:
         return {field for _, field, _, _ in Formatter().parse(template) if field is not None}
 
-
-SHOWN_TWICE = frozenset(
-    ("centre_distance", "centre_distance_2d", "separation", "body_separation", "speed", "tcp_speed")
-)
-"""Quantities that are kept once more as they follow from others, where a log records them itself."""
 
 NOTHING_BROUGHT: Mapping[str, DerivedSignal] = MappingProxyType({})
 
@@ -176,7 +171,7 @@ def derive_signals(
     defects = tuple(sorted({*trial.log_defects, *deriver.defects}))
     recorded = {
         name: gaps[quantity]
-        for quantity in sorted(gaps.keys() & SHOWN_TWICE)
+        for quantity in sorted(gaps.keys() & {*DISTANCES, *SPEEDS})
         for subject in subjects[quantity]
         if (name := f"{quantity}/{subject}") in trial.signals
     }

@@ -23,10 +23,12 @@ from ariac_score.errors import PluginConflictError, PluginError
 from ariac_score.installed.points import Point, installed_points
 
 __all__ = [
+    "DISTANCES",
     "ENVIRONMENT",
     "GROUP",
     "OUR_QUANTITIES",
     "QUANTITIES",
+    "SPEEDS",
     "Quantity",
     "contradiction",
     "quantity_of",
@@ -37,6 +39,11 @@ __all__ = [
 ]
 
 GROUP = "ariac_score.quantities"
+
+DISTANCES = ("centre_distance", "centre_distance_2d", "separation", "body_separation")
+"""Of two bodies, m."""
+SPEEDS = ("speed", "tcp_speed")
+"""Of one body, m/s."""
 
 ENVIRONMENT = "environment"
 """The subject of signals that are about no body."""

@@ -279,8 +279,8 @@ class Collector:
                 self._tree.add(transform, stamp_ns, static=static)
                 names = transform.header.frame_id, transform.child_frame_id
                 if static:
-                    row, ends = row_of(transform), (1, stamp_ns, stamp_ns)
-                    self._frame_publishers.take_one_static(item.connection, *names, row, ends)
+                    row = row_of(transform)
+                    self._frame_publishers.take_one_static(item.connection, *names, row, stamp_ns)
                 else:
                     self._frame_publishers.take_one(item.connection, *names, stamp_ns)
             self._sent(item, number, message, intake, item.stamp_ns)

@@ -17,12 +17,14 @@ __all__ = ["FramePublishers"]
 _Ends = tuple[int, int, int]
 """Number of samples, first and last stamp, ns."""
 
+_Told = tuple[_Ends, FloatArray, bool]
+"""How often and when it was told, its first value, and whether it was told otherwise, too."""
+
 _AT_ONCE_NS = 10**9
 """Latched messages come when a recorder meets their publishers, so within 1 s their order says nothing."""
 
-
-_ROUNDED = 1e-6
-"""Places and rotations are written as 32-bit numbers, or with six digits."""
+_ROUNDED_M, _ROUNDED_TURN = 1e-6, 1e-12
+"""Numbers are written with 32 bits or six digits: m, and 1 less the cosine of half an angle."""
 
 
 class FramePublishers:
@@ -30,22 +32,12 @@ class FramePublishers:
 
     def __init__(self) -> None:
         self._sent: dict[tuple[str, str], dict[Connection, _Ends]] = {}
-        self._static: dict[tuple[str, str], dict[str, dict[tuple[float, ...], _Ends]]] = {}
+        self._static: dict[tuple[str, str], dict[str, _Told]] = {}
 
     def take(self, connection: Connection, parents: Column, children: Column, stamps_ns: IntArray) -> None:
         """Take the transforms of some messages of a connection."""
-        assert parents.texts is not None
-        assert children.texts is not None
-        if not len(stamps_ns):
-            return
-        pairs = parents.values.astype(np.int64) * len(children.texts) + children.values
-        order = np.argsort(pairs, kind="stable")
-        found, firsts, counts = np.unique(pairs[order], return_index=True, return_counts=True)
-        ordered = stamps_ns[order]
-        least, most = (reduce.reduceat(ordered, firsts) for reduce in (np.minimum, np.maximum))
-        for pair, *ends in zip(found.tolist(), counts.tolist(), least.tolist(), most.tolist(), strict=True):
-            parent, child = divmod(pair, len(children.texts))
-            self._take(connection, parents.texts[parent], children.texts[child], (ends[0], ends[1], ends[2]))
+        for frames, ends, _ in _by_frames(parents, children, stamps_ns):
+            self._take(connection, *frames, ends)
 
     def take_one(self, connection: Connection, parent: str, child: str, stamp_ns: int) -> None:
         """Take a single transform."""
@@ -53,8 +45,7 @@ class FramePublishers:
 
     def _take(self, connection: Connection, parent: str, child: str, new: _Ends) -> None:
         sent = self._sent.setdefault((parent.lstrip("/"), child.lstrip("/")), {})
-        count, first_ns, last_ns = sent.get(connection, (0, new[1], new[2]))
-        sent[connection] = count + new[0], min(first_ns, new[1]), max(last_ns, new[2])
+        sent[connection] = _joined(sent.get(connection, (0, *new[1:])), new)
 
     def contested(self) -> Iterator[tuple[str, Contested]]:
         """The frames whose transform two publishers sent at a time, each with the stretch."""
@@ -74,44 +65,65 @@ class FramePublishers:
             rows: x, y, z in m and the quaternion x, y, z, w, shape (n, 7).
             times_ns: When each was recorded, ns, shape (n,).
         """
-        assert parents.texts is not None
-        assert children.texts is not None
-        keys = np.column_stack((parents.values, children.values, rows))
-        found, where = np.unique(keys, axis=0, return_inverse=True)
-        for number, (parent, child, *row) in enumerate(found.tolist()):
-            own = times_ns[where.reshape(-1) == number]
-            ends = len(own), int(own.min()), int(own.max())
-            self.take_one_static(
-                connection, parents.texts[int(parent)], children.texts[int(child)], row, ends
-            )
+        for frames, ends, places in _by_frames(parents, children, times_ns):
+            self._take_static(connection, *frames, ends, rows[places])
 
     def take_one_static(
-        self, connection: Connection, parent: str, child: str, row: Sequence[float], ends: _Ends
+        self, connection: Connection, parent: str, child: str, row: Sequence[float], time_ns: int
     ) -> None:
-        """Take one value, told so often between two times."""
+        """Take a single one of these."""
+        self._take_static(connection, parent, child, (1, time_ns, time_ns), np.array([row]))
+
+    def _take_static(
+        self, connection: Connection, parent: str, child: str, new: _Ends, rows: FloatArray
+    ) -> None:
+        rows = rows[np.isfinite(rows).all(axis=1) & rows[:, 3:].any(axis=1)]
+        if not len(rows):  # it places nothing
+            return
         told = self._static.setdefault((parent.lstrip("/"), child.lstrip("/")), {})
-        by_value = told.setdefault(connection.publisher, {})
-        value = (*row[:3], *_one_way_round(row[3:]))
-        count, first_ns, last_ns = by_value.get(value, (0, ends[1], ends[2]))
-        by_value[value] = count + ends[0], min(first_ns, ends[1]), max(last_ns, ends[2])
+        ends, value, otherwise = told.get(connection.publisher, ((0, *new[1:]), rows[0], False))
+        told[connection.publisher] = _joined(ends, new), value, otherwise or _differs(value, rows)
 
     def contested_static(self) -> Iterator[tuple[str, Contested]]:
-        """The frames that two publishers place differently for good, and nothing says who came later."""
-        for (_, child), told in sorted(self._static.items()):
-            for (one, values), (other, other_values) in combinations(sorted(told.items()), 2):
-                for value, (count, first_ns, last_ns) in values.items():
-                    for other_value, (other_count, other_first_ns, other_last_ns) in other_values.items():
-                        start_ns, end_ns = max(first_ns, other_first_ns), min(last_ns, other_last_ns)
-                        if _differ(value, other_value) and start_ns <= end_ns + _AT_ONCE_NS:
-                            whole = min(first_ns, other_first_ns), max(last_ns, other_last_ns)
-                            yield child, Contested(*whole, ((one, count), (other, other_count)))
+        """The frames that two publishers place for good, not both alike, and nothing says who came later."""
+        for (_, child), told in sorted(self._static.items(), key=lambda one: one[0]):
+            by_name = sorted(told.items(), key=lambda one: one[0])
+            for (one, (ends, value, otherwise)), (other, (others, another, too)) in combinations(by_name, 2):
+                at_once = max(ends[1], others[1]) <= min(ends[2], others[2]) + _AT_ONCE_NS
+                if at_once and (otherwise or too or _differs(value, another[np.newaxis])):
+                    first_ns, last_ns = min(ends[1], others[1]), max(ends[2], others[2])
+                    yield child, Contested(first_ns, last_ns, ((one, ends[0]), (other, others[0])))
 
 
-def _differ(value: Sequence[float], other: Sequence[float]) -> bool:
-    return max(abs(a - b) for a, b in zip(value, other, strict=True)) > _ROUNDED
+def _by_frames(
+    parents: Column, children: Column, stamps_ns: IntArray
+) -> Iterator[tuple[tuple[str, str], _Ends, IntArray]]:
+    """For each two frames their names, how often and when, and which transforms are theirs."""
+    assert parents.texts is not None
+    assert children.texts is not None
+    if not len(stamps_ns):
+        return
+    pairs = parents.values.astype(np.int64) * len(children.texts) + children.values
+    order = np.argsort(pairs, kind="stable")
+    found, firsts, counts = np.unique(pairs[order], return_index=True, return_counts=True)
+    ordered = stamps_ns[order]
+    least, most = (reduce.reduceat(ordered, firsts) for reduce in (np.minimum, np.maximum))
+    for pair, first, *ends in zip(
+        found.tolist(), firsts.tolist(), counts.tolist(), least.tolist(), most.tolist(), strict=True
+    ):
+        parent, child = divmod(pair, len(children.texts))
+        names = parents.texts[parent], children.texts[child]
+        yield names, (ends[0], ends[1], ends[2]), order[first : first + ends[0]]
 
 
-def _one_way_round(quaternion: Sequence[float]) -> tuple[float, ...]:
-    """The one of the two quaternions of a rotation whose last number that is not 0 is positive."""
-    turned = tuple(-number + 0.0 for number in quaternion)
-    return turned if tuple(reversed(turned)) > (0.0,) * len(turned) else tuple(quaternion)
+def _joined(known: _Ends, new: _Ends) -> _Ends:
+    return known[0] + new[0], min(known[1], new[1]), max(known[2], new[2])
+
+
+def _differs(value: FloatArray, rows: FloatArray) -> bool:
+    """Whether one of some transforms is another one; a rotation has two quaternions."""
+    apart_m = np.abs(rows[:, :3] - value[:3]).max()
+    turned = 1.0 - np.abs(rows[:, 3:] @ value[3:]) / (
+        np.linalg.norm(rows[:, 3:], axis=1) * np.linalg.norm(value[3:])
+    )
+    return bool(apart_m > _ROUNDED_M or turned.max() > _ROUNDED_TURN)
