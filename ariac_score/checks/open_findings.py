@@ -31,14 +31,14 @@ MOST_SPANS = 1000
 """Of a cause, stretches that are kept; its text counts them all."""
 
 
-_STANDS_FOR = "which stand for {}, of a stated rate and not recorded"
+_STANDS_FOR = "in place of {}"
 
 
 def standing_for(topics: Sequence[str]) -> str:
-    """What a cause says of a source that stands for topics which are not there.
+    """How a cause ends, of a source that stands for topics which are not there.
 
     >>> standing_for(["/snapshot"])
-    'which stand for /snapshot, of a stated rate and not recorded'
+    'in place of /snapshot'
     """
     return _STANDS_FOR.format(" and ".join(topics))
 
@@ -46,10 +46,10 @@ def standing_for(topics: Sequence[str]) -> str:
 def stood_for(text: str) -> str:
     """The topics that a cause says others stand for; empty where none do.
 
-    >>> stood_for("2 gaps of 10 ms on tf frames, " + standing_for(["/snapshot"])), stood_for("2 gaps")
+    >>> stood_for("2 gaps of 10 ms on tf frames " + standing_for(["/snapshot"])), stood_for("2 gaps")
     ('/snapshot', '')
     """
-    found = re.search(_STANDS_FOR.format("(.+)"), text)
+    found = re.search(_STANDS_FOR.format("(.+)$"), text)
     return found[1] if found else ""
 
 

@@ -94,4 +94,4 @@ def _thinned(own: Sequence[Stream]) -> str:
 def _instead(own: Sequence[Stream]) -> str:
     """That a source stands for a topic that was not recorded, in words; empty where it does not."""
     topics = sorted({one.stands_for for one in own} - {""})
-    return f", {standing_for(topics)}" if topics else ""
+    return f" {standing_for(topics)}" if topics else ""

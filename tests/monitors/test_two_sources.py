@@ -154,7 +154,7 @@ def test_frames_that_stand_for_a_topic_are_bounded_between_their_own_samples() -
     assert worst_s(farther_than(1.16), instead) == 0.0
     assert worst_s(farther_than(1.18), instead) > 1.4  # whenever no sample is near
     (opened,) = (one for one in farther_than(1.18).watch_worlds(instead) if isinstance(one, Worlds))
-    assert opened.causes[0].text.endswith("which stand for /scanner, of a stated rate and not recorded")
+    assert opened.causes[0].text.endswith("in place of /scanner")
     assert not opened.tight
 
 
