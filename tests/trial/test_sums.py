@@ -147,7 +147,6 @@ def unordered_sums(code: str) -> Iterator[str]:
             yield ast.unparse(node)
 
 
-@pytest.mark.slow
 def test_nothing_is_added_up_in_an_order_that_a_library_chooses() -> None:
     found = {
         (file.relative_to(ROOT).as_posix(), text)

@@ -11,6 +11,7 @@ from ariac_score.logs.columnar import Column
 from ariac_score.logs.containers.items import Connection, IntArray
 from ariac_score.logs.gather.numbering import Contested, contested
 from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.vectors import lengths
 
 __all__ = ["FramePublishers"]
 
@@ -23,8 +24,8 @@ _Told = tuple[_Ends, FloatArray, bool]
 _AT_ONCE_NS = 10**9
 """Latched messages come when a recorder meets their publishers, so within 1 s their order says nothing."""
 
-_ROUNDED_M, _ROUNDED_TURN = 1e-6, 1e-12
-"""Numbers are written with 32 bits or six digits: m, and 1 less the cosine of half an angle."""
+_ROUNDED_M, _ROUNDED_TURN = 1e-6, 2e-6
+"""Numbers are written with 32 bits or six digits: m, and how far two unit quaternions lie apart."""
 
 
 class FramePublishers:
@@ -122,8 +123,7 @@ def _joined(known: _Ends, new: _Ends) -> _Ends:
 
 def _differs(value: FloatArray, rows: FloatArray) -> bool:
     """Whether one of some transforms is another one; a rotation has two quaternions."""
+    units, unit = (q / lengths(q)[..., np.newaxis] for q in (rows[:, 3:], value[3:]))
     apart_m = np.abs(rows[:, :3] - value[:3]).max()
-    turned = 1.0 - np.abs(rows[:, 3:] @ value[3:]) / (
-        np.linalg.norm(rows[:, 3:], axis=1) * np.linalg.norm(value[3:])
-    )
+    turned = np.minimum(lengths(units - unit), lengths(units + unit))
     return bool(apart_m > _ROUNDED_M or turned.max() > _ROUNDED_TURN)
