@@ -13,7 +13,7 @@ from ariac_score.trial.clock import Clock
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 
-__all__ = ["INSTANT_S", "TOLERANCE_S", "Cells", "Stream", "cells_of"]
+__all__ = ["INSTANT_S", "TOLERANCE_S", "Cells", "Stream", "cells_of", "longest_held_s", "standing"]
 
 TOLERANCE_S = 1e-9
 INSTANT_S = 1e-9
@@ -42,12 +42,14 @@ class Stream:
         published_s: How far apart its samples would be as an organiser states it, s, where they are much
             further apart in this recording; 0 otherwise.
         stands_for: The topic that would show the same and is not recorded; empty: it stands for itself.
+        held_s: The longest interval that is not open, s: so long a sample stands.
     """
 
     signal: Signal
     open: BoolArray
     published_s: float = 0.0
     stands_for: str = ""
+    held_s: float = 0.0
 
     @property
     def t(self) -> FloatArray:
@@ -76,24 +78,38 @@ class Stream:
         stated = 1.0 / signal.stated_rate_hz if signal.stated_rate_hz else math.inf
         # All messages that its recorder received and the log lacks may have been samples of this one.
         received = usual * len(t) / max(1, len(t) + assumed.lacking.get(signal.source, 0))
-        thinned, usual = usual > USUAL_INTERVALS * stated, min(received, stated)
-        longest = 0.0 if assumed.every else min(max_gap_s, USUAL_INTERVALS * usual)
+        thinned = usual > USUAL_INTERVALS * stated
+        longest = 0.0 if assumed.every else longest_held_s(min(received, stated), max_gap_s)
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]
         missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
         missing[0] = bool(len(t))  # no sample stands for what was before the first
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
-        return cls(signal, unseen, stated if thinned else 0.0)
+        return cls(signal, unseen, stated if thinned else 0.0, held_s=longest)
 
     def edges(self, window: Span) -> FloatArray:
         """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""
         edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
         return np.stack([edges[:-1][self.open], edges[1:][self.open]])
 
+    def is_open(self, cells: Cells) -> BoolArray:
+        """Whether each cell lies in an open interval, shape (n,)."""
+        return np.asarray(self.open[np.searchsorted(self.t, cells.t, side="right")])
+
     def spans(self, window: Span) -> list[Span]:
         """The open intervals, as far as they lie in a window."""
         return [Span(float(start), float(end)) for start, end in self.edges(window).T]
+
+
+def longest_held_s(usual_s: float, max_gap_s: float) -> float:
+    """How long a sample stands at most, s.
+
+    Args:
+        usual_s: The usual interval of its stream, s.
+        max_gap_s: Longest stretch without a sample that a monitor accepts, s.
+    """
+    return min(max_gap_s, USUAL_INTERVALS * usual_s)
 
 
 # Cells -----------------------------------------------------------------------------------------
@@ -110,6 +126,40 @@ class Cells:
 
     t: FloatArray
     end: FloatArray
+
+    @property
+    def instants(self) -> BoolArray:
+        """Which are no longer than the instant of a sample, shape (n,)."""
+        return np.asarray(self.end - self.t <= 2 * INSTANT_S)
+
+
+def standing(
+    least: FloatArray, most: FloatArray, cells: Cells, is_open: BoolArray, stands_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of what a sample that is missing would have said, where each stands until the next one.
+
+    That is the least and the most of the time it may have stood for, so that whoever leaves out samples
+    leaves out nothing of what they said.
+
+    Args:
+        least: Of the quantity itself in each cell, shape (n,).
+        most: Likewise.
+        cells: Of a competition.
+        is_open: Where samples may be missing, shape (n,).
+        stands_s: How long a sample stands at most, s.
+    """
+    if stands_s <= 0.0 or not is_open.any():
+        return least, most
+    rows = np.arange(len(cells.t))
+    # The first cell of each open stretch, or the instant of the sample before it, which stands as well.
+    begins = np.maximum.accumulate(np.where(is_open, 0, np.where(cells.instants, rows, rows + 1)))
+    since = np.maximum(np.searchsorted(cells.end, cells.t - stands_s, side="right"), begins)
+    pairs = np.stack((np.minimum(since, rows), rows + 1), axis=1).reshape(-1)
+    low, high = (
+        of.reduceat(np.append(values, values[-1]), pairs)[::2]
+        for of, values in ((np.minimum, least), (np.maximum, most))
+    )
+    return np.where(is_open, low, least), np.where(is_open, high, most)
 
 
 def cells_of(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ariac_score.monitors.alike import ALIKE, by_intervals, never_moved, say_the_same
-from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream
+from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream, longest_held_s, standing
 from ariac_score.monitors.gaps import (
     Drive,
     Place,
@@ -23,7 +23,7 @@ from ariac_score.monitors.gaps import (
 )
 from ariac_score.trial.bounds import BetweenSamples, MotionBound
 from ariac_score.trial.computed import Computed
-from ariac_score.trial.model import Body, Trial
+from ariac_score.trial.model import Body, Due, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, within_spans
 from ariac_score.trial.vectors import lengths
@@ -36,6 +36,9 @@ ROUNDED_M = 1e-6
 
 FAR_M = 1e6
 """Stands for a distance that nothing bounds."""
+
+TWICE = 2.0
+"""What stands in for a source may have every second of its samples: ours has, of frames for snapshots."""
 
 APPROACHES = ("approach_speed_robot", "approach_speed_human")
 
@@ -151,16 +154,17 @@ class Unseen:
     remarks: dict[str, None] = field(default_factory=dict)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _twins: dict[str, Signal | None] = field(default_factory=dict)
-    _stand_ins: dict[tuple[bool, bool], Unseen] = field(default_factory=dict)
+    _stand_ins: dict[tuple[bool, float], Unseen] = field(default_factory=dict)
 
     # Where a signal is from -------------------------------------------------------------------
 
     def streams(self, signal: Signal) -> list[Stream]:
         """The recorded streams that a signal follows from; itself where it is recorded."""
-        topic = self._stands_in_for(signal)
-        if topic:
-            return [replace(one, stands_for=topic) for one in self._as_stand_in(signal)._own_streams(signal)]
-        return self._own_streams(signal)
+        due = self._stands_in_for(signal)
+        if due is None:
+            return self._own_streams(signal)
+        own, held_s = self._as_stand_in(signal)._own_streams(signal), self._held_s(signal)
+        return [replace(one, stands_for=due.topic, held_s=held_s) for one in own]
 
     def _own_streams(self, signal: Signal) -> list[Stream]:
         return [self._stream(one) for one in self._recorded(signal)]
@@ -185,9 +189,9 @@ class Unseen:
 
     # What else shows the same -----------------------------------------------------------------
 
-    def _stands_in_for(self, signal: Signal) -> str:
-        """The topic that would have recorded a signal and is not there; empty: none."""
-        return self.trial.stand_ins.get(signal.name, "") if isinstance(signal, Computed) else ""
+    def _stands_in_for(self, signal: Signal) -> Due | None:
+        """What would have recorded a signal and is not there; `None`: nothing."""
+        return self.trial.stand_ins.get(signal.name) if isinstance(signal, Computed) else None
 
     def _twin(self, signal: Signal) -> Signal | None:
         """The same as it follows from others, where both say the same; `None`: nothing else shows it."""
@@ -199,35 +203,47 @@ class Unseen:
             self._twins[signal.name] = twin if alike else None
         return self._twins[signal.name]
 
-    def _as_stand_in(self, signal: Signal) -> Unseen:
-        """How to ask what stands in for a source: it may have gone anywhere between its own samples."""
-        every = self.assumed.every or quantity_of(signal.name) in DISTANCES or self._may_be_another(signal)
-        key = every, bool(self._stands_in_for(signal))
-        if key not in self._stand_ins:
-            remarks = self.remarks if key[1] else {}
-            assumed = replace(self.assumed, every=every)
-            self._stand_ins[key] = Unseen(self.trial, assumed, self.window, self.max_gap_s, remarks)
-        return self._stand_ins[key]
+    def _held_s(self, signal: Signal) -> float:
+        """How long a sample stands at most of what something stands in for, s."""
+        due = self._stands_in_for(signal)
+        if due is None:
+            return self._stream(self.trial.signals[signal.name]).held_s
+        return 0.0 if self.assumed.every else longest_held_s(1.0 / due.rate_hz, self.max_gap_s)
 
-    def _may_be_another(self, signal: Signal) -> bool:
-        """Whether what stands in may be of a point that rests while others move: the base of an arm."""
-        is_speed = quantity_of(signal.name) in SPEEDS
-        return is_speed and bool(self._stands_in_for(signal)) and never_moved(self._recorded(signal))
+    def _as_stand_in(self, signal: Signal) -> Unseen:
+        """How to ask what stands in for a source: it may have gone anywhere between its own samples.
+
+        Where nothing bounds how a speed changes, it is believed of samples that come half as often as those
+        that it stands in for, or more often.
+        """
+        motion = self.motion(signal.name) or []
+        driven = all(math.isfinite(one.max_acceleration_m_s2) for one in motion)
+        every = self.assumed.every or quantity_of(signal.name) in DISTANCES or driven
+        max_gap_s = min(self.max_gap_s, TWICE * self._held_s(signal)) if not every else self.max_gap_s
+        if (every, max_gap_s) not in self._stand_ins:
+            assumed = replace(self.assumed, every=every)
+            self._stand_ins[every, max_gap_s] = Unseen(self.trial, assumed, self.window, max_gap_s)
+        return self._stand_ins[every, max_gap_s]
 
     def _standing_in(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
         """The least and the most of what stands in for a source, as far as the two may differ."""
-        found = self._as_stand_in(signal)._own_bounds(signal, cells)
-        apart = ALIKE.get(quantity_of(signal.name))
+        asked = self._as_stand_in(signal)
+        found, apart = asked._own_bounds(signal, cells), ALIKE.get(quantity_of(signal.name))
         if found is None or apart is None:
             return found
         least, most = found
         if self._may_be_another(signal):
             return np.zeros(len(least)), np.full(len(most), self.rate_m_s(signal))
-        if quantity_of(signal.name) in SPEEDS:
-            for one in self._own_streams(signal):
+        if quantity_of(signal.name) in SPEEDS and not asked.assumed.every:
+            for one in asked._own_streams(signal):
                 slowest, fastest = by_intervals(one, cells)
                 least, most = np.fmin(least, slowest), np.fmax(most, fastest)
         return np.maximum(least - apart, 0.0), most + apart
+
+    def _may_be_another(self, signal: Signal) -> bool:
+        """Whether what stands in may be of a point that rests while others move: the base of an arm."""
+        is_speed = quantity_of(signal.name) in SPEEDS
+        return is_speed and self._stands_in_for(signal) is not None and never_moved(self._recorded(signal))
 
     def _stream(self, signal: Signal) -> Stream:
         if signal.name not in self._streams:
@@ -288,8 +304,20 @@ class Unseen:
         Where it is measured both are its value at the beginning of the cell, which stands until the next.
         Where it was recorded and is open, what else shows the same bounds it too.
         """
+        found = self._at_instants(signal, cells)
+        if found is None:
+            return None
+        least, most = found
+        streams = self.streams(signal)
+        is_open = (least < most) | (np.any([one.is_open(cells) for one in streams], axis=0) & ~cells.instants)
+        return standing(least, most, cells, is_open, max((one.held_s for one in streams), default=0.0))
+
+    def _at_instants(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
+        """The same of the quantity itself: samples of it would have stood for a while."""
         if self._stands_in_for(signal):
-            return self._standing_in(signal, cells)
+            found = self._standing_in(signal, cells)
+            self.remarks.update(self._as_stand_in(signal).remarks)
+            return found
         found, twin = self._own_bounds(signal, cells), self._twin(signal)
         both = None if found is None or twin is None else self._standing_in(twin, cells)
         if found is None or both is None:

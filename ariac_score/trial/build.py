@@ -18,7 +18,7 @@ from ariac_score.trial.clock import Clock
 from ariac_score.trial.cut import Cut
 from ariac_score.trial.cut_off import joined_cut, lacks_work, with_open_work
 from ariac_score.trial.events import COMPETITION_STARTED, ORDER_ANNOUNCED, TIMED_EVENTS, WATCHING, Event
-from ariac_score.trial.model import Body, LogDefect, OfficialResult, TeamSetup, Trial
+from ariac_score.trial.model import Body, Due, LogDefect, OfficialResult, TeamSetup, Trial
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Series, Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
@@ -90,7 +90,7 @@ class TrialBuilder:
         self.official: OfficialResult | None = None
         self.witnessed: set[str] = set()
         self.unrecorded: list[str] = []
-        self.due: dict[str, str] = {}
+        self.due: dict[str, Due] = {}
         self.recorded: Span | None = None
         self.facts: dict[str, Fact] = {}
         self.records: list[Record] = []
@@ -300,7 +300,7 @@ def _span_of(
     return Span(min(times), max(times)) if times else None
 
 
-def _not_in(recorded: Iterable[str], due: Mapping[str, str]) -> dict[str, str]:
+def _not_in(recorded: Iterable[str], due: Mapping[str, Due]) -> dict[str, Due]:
     """The signals that were due on a topic and nobody recorded."""
     return {name: due[name] for name in sorted(due.keys() - set(recorded))}
 
@@ -364,7 +364,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         records=_records(parts),
         stand_ins=_not_in(
             (name for p in parts for name in (*p.signals, *p.as_consumed)),
-            {name: topic for p in parts for name, topic in p.stand_ins.items()},
+            {name: due for p in parts for name, due in p.stand_ins.items()},
         ),
         read_with=frozenset(point for p in parts for point in p.read_with),
         statements=statements_of(parts),

@@ -229,6 +229,19 @@ def _in_unit(column: _Column, unit: str) -> _Column:
 
 
 # eq=False: signals hold arrays, which have no single truth to compare by.
+@dataclass(frozen=True)
+class Due:
+    """Where a signal would have been recorded, by what an organiser states.
+
+    Attributes:
+        topic: Such as `/snapshot`.
+        rate_hz: How often it is published.
+    """
+
+    topic: str
+    rate_hz: float
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial as its logs show it.
@@ -267,8 +280,8 @@ class Trial:
         attestation: Of a part of a trial, what its recorder attests; `None` where it attests nothing.
         attestations: Of each log that it was read from, by name of the file.
         cut: How far a log of it goes that is cut off; `None`: all are whole.
-        stand_ins: By name of a signal, the topic that would have recorded it at a stated rate and is not
-            there, so that what else shows the same stands in for it.
+        stand_ins: By name of a signal, what would have recorded it and is not there, so that what else shows
+            the same stands in for it.
         twins: By name of a recorded signal, the same once more, as it follows from others.
 
     Raises:
@@ -299,7 +312,7 @@ class Trial:
     attestation: Attestation | None = None
     attestations: tuple[tuple[str, Attestation | None], ...] = field(default=(), compare=False)
     cut: Cut | None = None
-    stand_ins: Mapping[str, str] = field(default_factory=FrozenMap)
+    stand_ins: Mapping[str, Due] = field(default_factory=FrozenMap)
     twins: Mapping[str, Signal] = field(default_factory=FrozenMap, compare=False)
 
     def __post_init__(self) -> None:

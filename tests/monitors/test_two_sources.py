@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from ariac_score.monitors.monitor import SubjectMonitor
 from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.derive import Derivation, derive_signals
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
+from ariac_score.trial.model import Due
 from ariac_score.trial.signals import Disbelieved
 from ariac_score_standards import Always
 
-BOUNDS = {
+BOUNDS: Mapping[str, Mapping[str, Any]] = {
     "human": {"max_speed_m_s": 2.0, "source": "a test"},
     "robot": {"max_speed_m_s": 0.0, "source": "bolted down"},
 }
@@ -41,9 +43,9 @@ def standing(t: np.ndarray) -> np.ndarray:
     return np.full(len(t), AWAY_M)
 
 
-def places(x_m: Callable[[np.ndarray], np.ndarray] = coming) -> dict[str, Signal]:
-    """A human and a robot at the origin, seen at 50 Hz from 0 s to 3 s."""
-    t = np.arange(151) / 50
+def places(x_m: Callable[[np.ndarray], np.ndarray] = coming, rate_hz: int = 50) -> dict[str, Signal]:
+    """A human and a robot at the origin, seen from 0 s to 3 s."""
+    t = np.arange(3 * rate_hz + 1) / rate_hz
     nothing = np.zeros(len(t))
     return {
         "position/ann": Signal("position/ann", "m", t, np.column_stack([x_m(t), nothing, nothing]), "tf"),
@@ -61,7 +63,17 @@ def recorded(
     return Signal(name, unit, t, value(t - late_s), "/scanner")
 
 
-def trial(*signals: Signal, every: bool = False, stand_ins: bool = False) -> Trial:
+def accelerating(most_m_s2: float) -> dict[str, dict[str, Any]]:
+    """The bounds, and how fast her velocity changes."""
+    return {**BOUNDS, "human": {**BOUNDS["human"], "max_acceleration_m_s2": most_m_s2}}
+
+
+def trial(
+    *signals: Signal,
+    every: bool = False,
+    stand_ins: bool = False,
+    stated: Mapping[str, Mapping[str, Any]] = BOUNDS,
+) -> Trial:
     ends = (Event(0.0, COMPETITION_STARTED), Event(3.0, COMPETITION_ENDED))
     given = Trial(
         "t",
@@ -69,8 +81,8 @@ def trial(*signals: Signal, every: bool = False, stand_ins: bool = False) -> Tri
         signals={signal.name: signal for signal in signals},
         events=ends,
         recorded=Span(0.0, 3.0),
-        between=between_samples({}, BOUNDS, every=every),
-        stand_ins={DISTANCE: "/scanner"} if stand_ins else {},
+        between=between_samples({}, stated, every=every),
+        stand_ins={DISTANCE: Due("/scanner", 100.0)} if stand_ins else {},
     )
     return derive_signals(given, [Derivation(quantity, 0.05) for quantity in ("separation", "speed")])
 
@@ -158,6 +170,12 @@ def test_frames_that_stand_for_a_topic_are_bounded_between_their_own_samples() -
     assert not opened.tight
 
 
+def slower_than(limit_m_s: float) -> SubjectMonitor:
+    return Always(
+        holds=f"v <= {limit_m_s:g}", signals={"v": "speed/{human}"}, unit="m/s", max_gap_s=0.05, t_on_s=0.0
+    )
+
+
 @pytest.mark.parametrize(("limit_m_s", "is_open"), [(1.4, True), (1.6, False)])
 def test_a_dash_that_a_speed_over_several_frames_smooths_away_stays_open(
     limit_m_s: float, is_open: bool
@@ -165,21 +183,42 @@ def test_a_dash_that_a_speed_over_several_frames_smooths_away_stays_open(
     """0.5 m/s, and 1.5 m/s from one frame to the next: 0.75 m/s over four of them, at most 0.02 m/s apart."""
     walk = np.concatenate(([0.0], np.cumsum(np.where(np.arange(150) == 57, 0.03, 0.01))))
     frames = places(lambda _: walk)
-    slow = Always(holds=f"v <= {limit_m_s:g}", signals={"v": "speed/{human}"}, unit="m/s", max_gap_s=0.05)
 
     given = trial(recorded(lambda t: np.full(len(t), 0.5), SPEED), *frames.values())
 
     assert given.twins[SPEED].at(np.array([1.15])) == pytest.approx(0.75, abs=0.3)
-    assert (worst_s(slow, given) > 0.0) is is_open
+    assert (worst_s(slower_than(limit_m_s), given) > 0.0) is is_open
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "stated", "limit_m_s", "is_open"),
+    [
+        (50, BOUNDS, 1.05, False),  # every second one of the samples that it stands in for
+        (25, BOUNDS, 1.95, True),
+        (50, accelerating(50.0), 1.45, True),  # up to 1.5 m/s within 20 ms
+        (50, accelerating(50.0), 1.55, False),
+    ],
+)
+def test_a_speed_is_believed_of_frames_that_come_half_as_often_or_as_far_as_its_acceleration_is_bounded(
+    rate_hz: int, stated: Mapping[str, Mapping[str, Any]], limit_m_s: float, is_open: bool
+) -> None:
+    """1 m/s from frame to frame, of at most 2 m/s; and 0.02 m/s for both sources."""
+    walks = recorded(lambda t: np.full(len(t), 1.0), SPEED)
+
+    given = trial(walks, *places(lambda t: t, rate_hz).values(), stated=stated)
+
+    assert SPEED in given.twins
+    assert (worst_s(slower_than(limit_m_s), given) > 0.0) is is_open
+    assert worst_s(slower_than(limit_m_s), trial(walks, stated=stated)) > 0.0
 
 
 @pytest.mark.parametrize(("way_m", "is_open"), [(0.09, True), (0.11, False)])
 def test_a_speed_that_never_shows_anybody_in_motion_stands_for_nothing(way_m: float, is_open: bool) -> None:
     """A base may rest while the arm on it moves; who is seen to walk is the one who walks."""
     frames = places(lambda t: AWAY_M + way_m * np.minimum(t, 1.0))
-    slow = Always(holds="v <= 1", signals={"v": "speed/{human}"}, unit="m/s", max_gap_s=0.05)
 
-    instead = replace(trial(*frames.values()), stand_ins={SPEED: "/scanner"})
+    instead = trial(*frames.values(), stated=accelerating(10.0))
+    instead = replace(instead, stand_ins={SPEED: Due("/scanner", 100.0)})
 
-    assert (worst_s(slow, instead) > 2.9) is is_open
-    assert worst_s(slow, trial(*frames.values())) == 0.0
+    assert (worst_s(slower_than(1.0), instead) > 2.9) is is_open
+    assert worst_s(slower_than(1.0), trial(*frames.values())) == 0.0

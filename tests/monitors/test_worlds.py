@@ -109,7 +109,7 @@ def by(closing_m_s: float) -> Mapping[str, Any]:
 
 @pytest.mark.parametrize("case", WORKED)
 def test_both_worlds_have_the_time_depth_and_integral_of_the_worked_cases(case: str) -> None:
-    """Around the gap both stand still for a second; cells make both ends a little wider."""
+    """Around the gap both stand still for a second; cells, and samples that stand, make both ends wider."""
     (before, after, gap_s, closing, limit), (time_s, depth_m, integral) = WORKED[case]
     findings, opened = found(near(limit), trial(sampled(before, after, gap_s), stated=by(closing)))
     best, worst = (opened[0].best, opened[0].worst) if opened else (tuple(findings),) * 2
@@ -119,8 +119,9 @@ def test_both_worlds_have_the_time_depth_and_integral_of_the_worked_cases(case: 
         ("time_in_violation_s", time_s, sum(one > 0 for one in around)),
         ("depth_integral_m_s", integral, sum(around)),
     ):
-        assert ends[0] + still - 0.02 <= of_gap(best, quantity) <= ends[0] + still + 1e-6
-        assert ends[1] + still - 1e-6 <= of_gap(worst, quantity) <= ends[1] + still + 0.02
+        wider = 0.01 + 0.015  # of cells, and of how long a sample at 100 Hz stands at most
+        assert ends[0] + still - wider <= of_gap(best, quantity) <= ends[0] + still + 1e-6
+        assert ends[1] + still - 1e-6 <= of_gap(worst, quantity) <= ends[1] + still + wider
     for found_in, deepest in ((best, depth_m[0]), (worst, depth_m[1])):
         depths = [f.quantities["depth_max_m"] for f in found_in if f.verdict is Verdict.VIOLATED]
         assert max(depths, default=0.0) == pytest.approx(max(deepest, *around), abs=0.01)

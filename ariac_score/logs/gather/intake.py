@@ -28,6 +28,7 @@ from ariac_score.logs.gather.transforms import Placed, TransformTree, times_s
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.events import WATCHING, Event
+from ariac_score.trial.model import Due
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vocabulary import quantity_of, subject_of
 
@@ -265,11 +266,12 @@ class Intake:
         for lack in self._lacking.values():
             yield f"{topic}: {lack}"
 
-    def due(self) -> dict[str, str]:
-        """The signals that it would record at a rate that is stated, and their topic."""
+    def due(self) -> dict[str, Due]:
+        """The signals that it would record at a rate that is stated, and where."""
         if self.channel.optional or not self.channel.rate_hz:
             return {}
-        return {one.signal: self.channel.topic for one in self.channel.signals}
+        due = Due(self.channel.topic, self.channel.rate_hz)
+        return {one.signal: due for one in self.channel.signals}
 
     def settle_transformed(self, builder: TrialBuilder, origin_ns: int, tree: TransformTree) -> None:
         """Hand the positions that are in another frame to the builder, in the root frame."""
