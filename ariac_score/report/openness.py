@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 _MAX_SPEED = re.compile(r"bounds\..+\.max_speed_m_s")
+_MAX_ACCELERATION = re.compile(r"bounds\..+\.max_acceleration_m_s2")
 
 _COUNTS = {
     "worst": "the lower end counts",
@@ -104,17 +105,19 @@ def bounds_text(result: Result) -> str:
     """
     filled = {one.check for one in result.measured.open}
     settings = (result.measured.settings or {}).items()
-    stated = (one for check, of in settings if check in filled for one in of.parameters)
+    stated = [one for check, of in settings if check in filled for one in of.parameters]
     found = {one.name.split(".")[1]: one for one in stated if _MAX_SPEED.fullmatch(one.name)}
+    driven = {one.name.split(".")[1] for one in stated if _MAX_ACCELERATION.fullmatch(one.name)}
     if not found:
         return ""
     said = [
         f"a {kind} at most {one.value:g} {one.unit}" + (f" ({one.source})" if one.origin != "default" else "")
         for kind, one in sorted(found.items())
     ]
-    ours = any(one.origin == "default" for one in found.values())
-    remedy = ", by our defaults; state what is so under 'bounds:' of the log map or the rule set"
-    return f"between samples: {', '.join(said)}{remedy if ours else ''}"
+    ours = ", by our defaults" if any(one.origin == "default" for one in found.values()) else ""
+    free = ", whatever the acceleration" if found.keys() - driven else ""
+    remedy = "; state what is so under 'bounds:' of the log map or the rule set" if ours or free else ""
+    return f"between samples: {', '.join(said)}{ours}{free}{remedy}"
 
 
 def stand_in_text(result: Result) -> str:

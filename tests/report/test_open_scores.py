@@ -129,22 +129,30 @@ def test_what_samples_alone_would_decide_is_told_as_that(closed: Result) -> None
     ("of_robot", "said"),
     [
         (
-            Setting("bounds.robot.max_speed_m_s", 5.0, "m/s", "default", source="our choice"),
-            "a human at most 1.6 m/s (walks), a robot at most 5 m/s, by our defaults; "
-            "state what is so under 'bounds:' of the log map or the rule set",
+            (Setting("bounds.robot.max_speed_m_s", 5.0, "m/s", "default", source="our choice"),),
+            "a human at most 1.6 m/s (walks), a robot at most 5 m/s, by our defaults, "
+            "whatever the acceleration; state what is so under 'bounds:' of the log map or the rule set",
         ),
         (
-            Setting("bounds.robot.max_speed_m_s", 0.25, "m/s", "log_map", source="its rail"),
+            (Setting("bounds.robot.max_speed_m_s", 0.25, "m/s", "log_map", source="its rail"),),
+            "a human at most 1.6 m/s (walks), a robot at most 0.25 m/s (its rail), "
+            "whatever the acceleration; state what is so under 'bounds:' of the log map or the rule set",
+        ),
+        (
+            (
+                Setting("bounds.robot.max_speed_m_s", 0.25, "m/s", "log_map", source="its rail"),
+                Setting("bounds.robot.max_acceleration_m_s2", 1.0, "m/s2", "log_map", source="its rail"),
+            ),
             "a human at most 1.6 m/s (walks), a robot at most 0.25 m/s (its rail)",
         ),
     ],
 )
 def test_how_fast_bodies_are_taken_to_be_stands_below_what_would_narrow_a_score(
-    closed: Result, of_robot: Setting, said: str
+    closed: Result, of_robot: tuple[Setting, ...], said: str
 ) -> None:
     of_human = Setting("bounds.human.max_speed_m_s", 1.6, "m/s", "rule_set", source="walks")
     hand = Setting("bounds.human.max_acceleration_m_s2", 3.0, "m/s2", "rule_set", source="walks")
-    settings = {"separation": Settings("ISO", (of_human, hand)), "contact": Settings("ISO", (of_robot,))}
+    settings = {"separation": Settings("ISO", (of_human, hand)), "contact": Settings("ISO", of_robot)}
     filled = (OpenFindings("separation", "robot/human"), OpenFindings("contact", "robot/human"))
     measured = replace(closed.measured, settings=settings, open=filled)
 
