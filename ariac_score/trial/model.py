@@ -228,7 +228,6 @@ def _in_unit(column: _Column, unit: str) -> _Column:
     return column
 
 
-# eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True)
 class Due:
     """Where a signal would have been recorded, by what an organiser states.
@@ -242,6 +241,7 @@ class Due:
     rate_hz: float
 
 
+# eq=False: signals hold arrays, which have no single truth to compare by.
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial as its logs show it.
