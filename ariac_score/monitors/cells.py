@@ -57,7 +57,9 @@ class Stream:
         return self.signal.t
 
     @classmethod
-    def of(cls, signal: Signal, window: Span, max_gap_s: float, assumed: BetweenSamples) -> Stream:
+    def of(
+        cls, signal: Signal, window: Span, max_gap_s: float, assumed: BetweenSamples, *, ended: bool = False
+    ) -> Stream:
         """The stream of a recorded signal.
 
         Args:
@@ -65,6 +67,7 @@ class Stream:
             window: The competition.
             max_gap_s: Longest stretch without a sample that a monitor accepts, s.
             assumed: Whether every interval is open.
+            ended: Whether the log states the end, so that the last sample is not that of the recording.
         """
         t = signal.t
         if signal.constant:
@@ -84,6 +87,7 @@ class Stream:
         whole[[0, -1]] = lasts[[0, -1]]
         missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
         missing[0] = bool(len(t))  # no sample stands for what was before the first
+        missing[-1] = ended and bool(len(t))  # nor is there one that ends what the last one says
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
         return cls(signal, unseen, stated if thinned else 0.0, held_s=longest)

@@ -247,7 +247,10 @@ class Unseen:
 
     def _stream(self, signal: Signal) -> Stream:
         if signal.name not in self._streams:
-            self._streams[signal.name] = Stream.of(signal, self.window, self.max_gap_s, self.assumed)
+            ended = self.trial.ended_s is not None
+            self._streams[signal.name] = Stream.of(
+                signal, self.window, self.max_gap_s, self.assumed, ended=ended
+            )
             for one in signal.disbelieved:
                 if one.span.end_s >= self.window.start_s and one.span.start_s <= self.window.end_s:
                     words = f"the {signal_in_words(signal.name)} "

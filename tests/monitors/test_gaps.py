@@ -168,6 +168,20 @@ def test_whoever_leaves_out_the_first_sample_leaves_a_gap(first_s: float, is_ope
     assert not stream.open[1:].any()
 
 
+@pytest.mark.parametrize(
+    ("last_s", "ended", "is_open"), [(1.0, True, False), (0.98, True, True), (0.98, False, False)]
+)
+def test_whoever_leaves_out_the_last_sample_before_a_stated_end_leaves_a_gap(
+    last_s: float, ended: bool, is_open: bool
+) -> None:
+    """A recording that is the competition as far as anybody knows ends with its last sample."""
+    t = np.arange(0.0, last_s + 0.01, 0.02)
+    signal = Signal("separation/arm/ann", "m", t, t)
+    stream = Stream.of(signal, Span(0.0, 1.0), 0.05, BetweenSamples(), ended=ended)
+    assert bool(stream.open[-1]) is is_open
+    assert not stream.open[:-1].any()
+
+
 def test_leaving_out_a_sample_never_narrows_what_an_acceleration_bounds() -> None:
     """The ball around the way of a longer gap contains those of its two parts, whatever lay between.
 

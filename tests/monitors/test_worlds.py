@@ -130,6 +130,19 @@ def test_both_worlds_have_the_time_depth_and_integral_of_the_worked_cases(case: 
         assert findings[0].robustness == pytest.approx(0.05, abs=0.01)
 
 
+@pytest.mark.parametrize(("off_m", "is_open"), [(0.005, True), (0.015, False)])
+def test_the_last_sample_before_a_stated_end_hides_none_that_came_after_it(
+    off_m: float, is_open: bool
+) -> None:
+    """12 ms before the end, at 1 m/s: one left out in between may have said less."""
+    given = trial({round(0.01 * k, 9): 1.0 + off_m for k in range(101)}, ended=False)
+    events = (*given.events, Event(1.012, COMPETITION_ENDED))
+
+    _, opened = found(NEARER_THAN_1_M, replace(given, events=events, recorded=Span(0.0, 1.012)))
+
+    assert [of_gap(one.worst, "time_in_violation_s") > 0.0 for one in opened] == [True] * is_open
+
+
 def test_g4_samples_that_no_body_so_slow_could_have_made_are_named() -> None:
     """4 m in a second, where 3 m/s are the most."""
     given = trial(sampled(5.0, 1.0, 1.0), stated=by(3.0))
