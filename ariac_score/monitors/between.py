@@ -119,7 +119,7 @@ def _filled(
     rate_m_s = max(unseen.rate_m_s(signal) for signal in signals.values())
     measured = [t for signal in signals.values() for t in unseen.measured(signal)]
     cells: Cells = cells_of(window, measured, opened, rate_m_s)
-    ends = {name: unseen.bounds(signal, cells) for name, signal in signals.items()}
+    ends = dict(zip(signals, unseen.bounds([*signals.values()], cells), strict=True))
     known = {name: both for name, both in ends.items() if both is not None}
     if len(known) < len(ends):
         return None

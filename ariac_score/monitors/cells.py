@@ -138,7 +138,12 @@ class Cells:
 
 
 def standing(
-    least: FloatArray, most: FloatArray, cells: Cells, is_open: BoolArray, stands_s: float
+    least: FloatArray,
+    most: FloatArray,
+    cells: Cells,
+    is_open: BoolArray,
+    stands_s: float,
+    ahead_s: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Bounds of what a sample that is missing would have said, where each stands until the next one.
 
@@ -150,15 +155,18 @@ def standing(
         most: Likewise.
         cells: Of a competition.
         is_open: Where samples may be missing, shape (n,).
-        stands_s: How long a sample stands at most, s.
+        stands_s: How long after the time it is of a sample stands at most, s.
+        ahead_s: How long before that time it may stand already, where stamps are wrong, s.
     """
-    if stands_s <= 0.0 or not is_open.any():
+    if stands_s + ahead_s <= 0.0 or not is_open.any():
         return least, most
     rows = np.arange(len(cells.t))
     # The first cell of each open stretch, or the instant of the sample before it, which stands as well.
     begins = np.maximum.accumulate(np.where(is_open, 0, np.where(cells.instants, rows, rows + 1)))
-    since = np.maximum(np.searchsorted(cells.end, cells.t - stands_s, side="right"), begins)
-    pairs = np.stack((np.minimum(since, rows), rows + 1), axis=1).reshape(-1)
+    ends = np.minimum.accumulate(np.where(is_open, len(rows), rows)[::-1])[::-1]
+    first = np.maximum(np.searchsorted(cells.end, cells.t - stands_s, side="right"), begins)
+    behind = np.minimum(np.searchsorted(cells.t, cells.end + ahead_s, side="left"), ends)
+    pairs = np.stack((np.minimum(first, rows), np.maximum(behind, rows + 1)), axis=1).reshape(-1)
     low, high = (
         of.reduceat(np.append(values, values[-1]), pairs)[::2]
         for of, values in ((np.minimum, least), (np.maximum, most))

@@ -132,6 +132,9 @@ def _taken(t: FloatArray, steps_s: FloatArray | float, error_s: float) -> tuple[
     return np.concatenate(([-np.inf], earliest, [np.inf])), np.concatenate(([-np.inf], latest, [np.inf]))
 
 
+Bounds = tuple[FloatArray, FloatArray]
+"""The least and the most of a signal in each cell, shape (n,) each."""
+
 # Bounds of signals -----------------------------------------------------------------------------
 
 
@@ -301,22 +304,25 @@ class Unseen:
         motion = self.motion(signal.name)
         return math.inf if motion is None else sum(one.max_speed_m_s for one in motion)
 
-    def bounds(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
-        """The least and the most of a signal in each cell; `None` where nothing bounds it.
+    def bounds(self, signals: Sequence[Signal], cells: Cells) -> list[Bounds | None]:
+        """The least and the most of some signals in each cell; `None` of one that nothing bounds.
 
-        Where it is measured both are its value at the beginning of the cell, which stands until the next.
-        Where it was recorded and is open, what else shows the same bounds it too.
+        Where they are measured both are the value at the beginning of the cell, which stands until the next.
+        Where one is not, what is missing of it would have stood for a while, and the others until then.
         """
-        found = self._at_instants(signal, cells)
-        if found is None:
-            return None
-        least, most = found
-        streams = self.streams(signal)
-        is_open = (least < most) | (np.any([one.is_open(cells) for one in streams], axis=0) & ~cells.instants)
-        return standing(least, most, cells, is_open, max((one.held_s for one in streams), default=0.0))
+        found, streams = [self._at_instants(one, cells) for one in signals], self.all_streams(signals)
+        held_s = max((one.held_s for one in streams), default=0.0)
+        if held_s <= 0.0:
+            return found
+        found = [one and _with_told(one, signal, cells) for signal, one in zip(signals, found, strict=True)]
+        late_s, early_s = max(self.error_s(one.signal) for one in streams), self.assumed.time_error_s
+        is_open = np.any([one.is_open(cells) for one in streams], axis=0) & ~cells.instants
+        for one in found:
+            is_open |= False if one is None else one[0] < one[1]
+        return [one and standing(*one, cells, is_open, held_s + late_s, early_s) for one in found]
 
-    def _at_instants(self, signal: Signal, cells: Cells) -> tuple[FloatArray, FloatArray] | None:
-        """The same of the quantity itself: samples of it would have stood for a while."""
+    def _at_instants(self, signal: Signal, cells: Cells) -> Bounds | None:
+        """The same of a signal itself; where it is recorded and open, what else shows it bounds it, too."""
         if self._stands_in_for(signal):
             found = self._standing_in(signal, cells)
             self.remarks.update(self._as_stand_in(signal).remarks)
@@ -325,6 +331,10 @@ class Unseen:
         both = None if found is None or twin is None else self._standing_in(twin, cells)
         if found is None or both is None:
             return found
+        # What the one says at an instant the other may say as much later as its stamps are wrong.
+        everywhere = np.ones(len(cells.t), dtype=bool)
+        if not self.assumed.every:
+            both = standing(*both, cells, everywhere, self.error_s(signal), self.assumed.time_error_s)
         least, most = found
         low, high = np.maximum(least, both[0]), np.minimum(most, both[1])
         # Where its own samples are not believed, or known to be lost, another source settles nothing.
@@ -504,6 +514,15 @@ class Unseen:
                     self.remarks[f"the {whose} is above the default bound of {top:g} m/s"] = None
             least, most = np.maximum(least, np.minimum(low, high)), np.maximum(most, high)
         return least, most
+
+
+def _with_told(bounds: Bounds, signal: Signal, cells: Cells) -> Bounds:
+    """The bounds, and at its samples what these say: it stands for a while though their stamps are wrong."""
+    rows = np.flatnonzero(cells.instants & np.isin(cells.t, signal.t)) if len(signal) else np.zeros(0, int)
+    least, most = (one.copy() for one in bounds)
+    told = signal.at(cells.t[rows])
+    least[rows], most[rows] = np.minimum(least[rows], told), np.maximum(most[rows], told)
+    return least, most
 
 
 def _by_all_samples(

@@ -147,13 +147,13 @@ class _Grid:
 
 def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) -> Opened | None:
     cells = grid.cells()
-    ends = {template: grid.unseen.bounds(signal, cells) for template, signal in grid.signals.items()}
+    ends = dict(zip(grid.signals, grid.unseen.bounds([*grid.signals.values()], cells), strict=True))
     known = {template: both for template, both in ends.items() if both is not None}
     if len(known) < len(ends):
         return None
     optional = {}
     for template, signal in watched.optional.items():
-        both = grid.unseen.bounds(signal, cells)
+        (both,) = grid.unseen.bounds([signal], cells)
         worse = OPTIONAL_WORSE.get(signal.unit)
         if both is not None and worse is not None and signal.values.ndim == 1:
             optional[template] = signal, both, worse

@@ -425,7 +425,7 @@ def test_no_drive_within_its_bounds_is_anywhere_but_where_they_say(error_s: floa
         for name, true in driven.items():
             signal = given.signals[name]
             cells = cells_of(window, [signal.t], unseen.streams(signal), 2 * fastest)
-            both = unseen.bounds(signal, cells)
+            (both,) = unseen.bounds([signal], cells)
             assert both is not None
             # At its instant the sample of a place stands for itself; how fast it was there is not known.
             lasting = (cells.end - cells.t > 1e-6) | name.startswith("speed/")
