@@ -97,9 +97,18 @@ class Stream:
         edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
         return np.stack([edges[:-1][self.open], edges[1:][self.open]])
 
-    def is_open(self, cells: Cells) -> BoolArray:
-        """Whether each cell lies in an open interval, shape (n,)."""
-        return np.asarray(self.open[np.searchsorted(self.t, cells.t, side="right")])
+    def is_open(self, cells: Cells, beside: int = 0) -> BoolArray:
+        """Whether each cell lies in an open interval, shape (n,).
+
+        Args:
+            cells: Of a competition.
+            beside: Or within so many intervals of one.
+        """
+        found = self.open.copy()
+        for apart in range(1, min(beside, len(found) - 1) + 1):
+            found[apart:] |= self.open[:-apart]
+            found[:-apart] |= self.open[apart:]
+        return np.asarray(found[np.searchsorted(self.t, cells.t, side="right")])
 
     def spans(self, window: Span) -> list[Span]:
         """The open intervals, as far as they lie in a window."""

@@ -27,6 +27,7 @@ from ariac_score.trial.model import Body, Due, Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, within_spans
 from ariac_score.trial.vectors import lengths
+from ariac_score.trial.velocities import HALF_WINDOW_SAMPLES
 from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of, signal_in_words, subject_of
 
 __all__ = ["Broken", "Unseen", "broken_bounds"]
@@ -61,7 +62,6 @@ class _Sides:
         until_s: From the beginning of the cell to the sample after, likewise.
         gap_s: From the one sample to the other, likewise.
         open: Whether nothing is known in the cell but these two.
-        beside: Whether it is the instant of a sample, and an interval around that is open.
         stream: The samples.
     """
 
@@ -71,7 +71,6 @@ class _Sides:
     until_s: FloatArray
     gap_s: FloatArray
     open: BoolArray
-    beside: BoolArray
     stream: Stream
 
     @classmethod
@@ -102,8 +101,7 @@ class _Sides:
             else:
                 continue
             since_s[there] = until_s[there] = np.inf
-        beside = at_sample & (stream.open[after] | stream.open[np.maximum(after - 1, 0)])
-        return cls(after - 1, after, since_s, until_s, gap_s, is_open, beside, stream)
+        return cls(after - 1, after, since_s, until_s, gap_s, is_open, stream)
 
     def values(self, column: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The values before and after each cell; NaN where there is no sample."""
@@ -354,10 +352,10 @@ class Unseen:
             is_open |= self._is_apart(signal, cells)
             if quantity not in DISTANCES:
                 # A place is known at its sample; how fast the body was there is not, where it follows from
-                # places of which some lie behind an open interval.
+                # places of which some lie in an open interval.
                 for one in sides:
                     if quantity_of(one.stream.signal.name) == "position":
-                        is_open |= one.beside
+                        is_open |= one.stream.is_open(cells, HALF_WINDOW_SAMPLES)
         total = sum(one.max_speed_m_s for one in motion)
         if quantity in DISTANCES:
             found = self._distance(signal, cells, sides, total)

@@ -212,6 +212,15 @@ def test_a_speed_is_believed_of_frames_that_come_half_as_often_or_as_far_as_its_
     assert worst_s(slower_than(limit_m_s), trial(walks, stated=stated)) > 0.0
 
 
+def test_a_speed_that_follows_from_places_is_open_as_far_as_it_follows_from_places_in_a_gap() -> None:
+    """Over two samples before and behind: in a gap of 60 ms at 50 Hz, and in two intervals on either side."""
+    t = np.arange(151) / 50
+    t = t[(t < 1.01) | (t > 1.05)]
+    walk = Signal("position/ann", "m", t, np.column_stack([t, 0.0 * t, 0.0 * t]), "tf")
+
+    assert worst_s(slower_than(1.5), trial(walk)) == pytest.approx(0.06 + 4 * 0.02, abs=1e-6)
+
+
 @pytest.mark.parametrize(("way_m", "is_open"), [(0.09, True), (0.11, False)])
 def test_a_speed_that_never_shows_anybody_in_motion_stands_for_nothing(way_m: float, is_open: bool) -> None:
     """A base may rest while the arm on it moves; who is seen to walk is the one who walks."""

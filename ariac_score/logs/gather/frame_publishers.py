@@ -10,6 +10,7 @@ import numpy as np
 from ariac_score.logs.columnar import Column
 from ariac_score.logs.containers.items import Connection, IntArray
 from ariac_score.logs.gather.numbering import Contested, contested
+from ariac_score.logs.gather.transforms import are_units
 from ariac_score.trial.spans import FloatArray
 from ariac_score.trial.vectors import lengths
 
@@ -78,7 +79,7 @@ class FramePublishers:
     def _take_static(
         self, connection: Connection, parent: str, child: str, new: _Ends, rows: FloatArray
     ) -> None:
-        rows = rows[np.isfinite(rows).all(axis=1) & rows[:, 3:].any(axis=1)]
+        rows = rows[np.isfinite(rows[:, :3]).all(axis=1) & are_units([*rows[:, 3:].T])]
         if not len(rows):  # it places nothing
             return
         told = self._static.setdefault((parent.lstrip("/"), child.lstrip("/")), {})

@@ -28,7 +28,7 @@ from ariac_score.trial.model import Body
 from ariac_score.trial.signals import covered, settle
 from ariac_score.trial.spans import FloatArray, Span, distinct
 
-__all__ = ["MAX_GAP_S", "Placed", "TransformTree", "row_of", "times_s"]
+__all__ = ["MAX_GAP_S", "Placed", "TransformTree", "are_units", "row_of", "times_s"]
 
 
 MAX_GAP_S = 0.5
@@ -328,7 +328,7 @@ class TransformTree:
         if len(first) < len(names):  # both `/base` and `base`, say: one frame, whose samples keep their order
             parents, children = table[parents], table[children]
         pair = parents * len(names) + children  # one number for each edge of the tree
-        usable = _are_units(columns[3:])
+        usable = are_units(columns[3:])
         for column in columns[:3]:
             usable &= np.isfinite(column)
         all_usable, all_move = bool(usable.all()), bool(moving.all())
@@ -636,7 +636,7 @@ def _is_unit(quaternion: Sequence[float]) -> bool:
     return abs(math.hypot(*quaternion) - 1.0) <= LARGEST_NORM_ERROR
 
 
-def _are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
+def are_units(quaternion: Sequence[FloatArray]) -> NDArray[np.bool_]:
     """As `_is_unit`, which is asked where rounding could decide, so that both ways to decode agree."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         error = np.abs(_norm(quaternion) - 1.0)
