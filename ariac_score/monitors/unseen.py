@@ -186,7 +186,19 @@ class Unseen:
             return [signal.t]
         others = [one.t for one in self._as_stand_in(twin)._own_streams(twin)]
         (own,) = self._own_streams(signal)
-        return [signal.t, *(t[own.open[own.t.searchsorted(t, side="right")]] for t in others)]
+        opened = np.concatenate(([0], np.cumsum(own.open)))
+        # As far beside an open interval as the two may say the same at different times.
+        before_s, behind_s = (own.held_s + one for one in reversed(self._apart_s(signal, twin)))
+        first, last = (
+            [own.t.searchsorted(t + edge_s, side="right") for t in others] for edge_s in (-before_s, behind_s)
+        )
+        near = [opened[b + 1] > opened[a] for a, b in zip(first, last, strict=True)]
+        return [signal.t, *(t[one] for t, one in zip(others, near, strict=True))]
+
+    def _apart_s(self, signal: Signal, twin: Signal) -> tuple[float, float]:
+        """By how much later, and earlier, than the twin a signal may say the same, each s."""
+        late_s = max(map(self.error_s, self._recorded(twin)))
+        return self.error_s(signal), max(late_s, self.assumed.time_error_s)
 
     # What else shows the same -----------------------------------------------------------------
 
@@ -317,6 +329,11 @@ class Unseen:
         is_open = np.any([one.is_open(cells) for one in streams], axis=0) & ~cells.instants
         for one in found:
             is_open |= False if one is None else one[0] < one[1]
+        error_m = self.assumed.distance_error_m
+        for k, (signal, one) in enumerate(zip(signals, found, strict=True)):
+            if one is not None and error_m and quantity_of(signal.name) in DISTANCES:
+                known = is_open & (one[0] == one[1])  # of what is open that is said already
+                found[k] = one[0] - np.where(known, error_m, 0.0), one[1] + np.where(known, error_m, 0.0)
         return [one and standing(*one, cells, is_open, held_s + late_s, early_s) for one in found]
 
     def _at_instants(self, signal: Signal, cells: Cells) -> Bounds | None:
@@ -326,13 +343,15 @@ class Unseen:
             self.remarks.update(self._as_stand_in(signal).remarks)
             return found
         found, twin = self._own_bounds(signal, cells), self._twin(signal)
-        both = None if found is None or twin is None else self._standing_in(twin, cells)
-        if found is None or both is None:
+        if found is None or twin is None:
             return found
-        # What the one says at an instant the other may say as much later as its stamps are wrong.
+        both = self._standing_in(twin, cells)
+        if both is None:
+            return found
+        # What the one says at an instant the other may say as much later, or earlier, as stamps are wrong.
         everywhere = np.ones(len(cells.t), dtype=bool)
         if not self.assumed.every:
-            both = standing(*both, cells, everywhere, self.error_s(signal), self.assumed.time_error_s)
+            both = standing(*both, cells, everywhere, *self._apart_s(signal, twin))
         least, most = found
         low, high = np.maximum(least, both[0]), np.minimum(most, both[1])
         # Where its own samples are not believed, or known to be lost, another source settles nothing.
