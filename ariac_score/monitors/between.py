@@ -105,7 +105,7 @@ def worlds_between(
     else:
         yield from seen
         monitor = Worsening({}, measures, t_off_s, clause, critical=critical)
-        spans = _spans(signals, opened, window, max_gap_s, every=assumed.every)
+        spans = _spans(signals, opened, window, max_gap_s)
         if spans and remembers:
             spans, seen = [Span(spans[0].start_s, window.end_s)], _before(seen, spans[0].start_s)
         if spans:
@@ -129,7 +129,7 @@ def _filled(
 
 
 def _spans(
-    signals: Mapping[str, Signal], opened: Sequence[Stream], window: Span, max_gap_s: float, *, every: bool
+    signals: Mapping[str, Signal], opened: Sequence[Stream], window: Span, max_gap_s: float
 ) -> list[Span]:
     """Where something may have been that no sample shows."""
     found = [
@@ -138,8 +138,7 @@ def _spans(
         for span in uncovered_spans(signal.t, window, max_gap_s=max_gap_s, holes=signal.holes)
         if not signal.constant
     ]
-    if every:
-        found += [span for stream in opened for span in stream.spans(window)]
+    found += [span for stream in opened for span in stream.spans(window)]
     return merged(found, within_s=TOLERANCE_S)
 
 

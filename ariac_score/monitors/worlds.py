@@ -118,10 +118,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
             found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window))
             if found is not None:
                 return found
-        # What is shorter than its longest gap, a monitor that says no more accepts.
-        spans = list(watched.gaps)
-        if assumed.every:
-            spans += [span for stream in opened for span in stream.spans(window)]
+        spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window))]
         return _blunt(watched, judge, monitor, opened, merged(spans, within_s=TOLERANCE_S)) if spans else None
     except UndecidedError:
         return None
