@@ -10,10 +10,20 @@ import numpy as np
 
 from ariac_score.trial.bounds import USUAL_INTERVALS, BetweenSamples
 from ariac_score.trial.clock import Clock
+from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, within_spans
 
-__all__ = ["INSTANT_S", "TOLERANCE_S", "Cells", "Stream", "cells_of", "longest_held_s", "standing"]
+__all__ = [
+    "INSTANT_S",
+    "TOLERANCE_S",
+    "Cells",
+    "Stream",
+    "cells_of",
+    "longest_held_s",
+    "shown_within_s",
+    "standing",
+]
 
 TOLERANCE_S = 1e-9
 INSTANT_S = 1e-9
@@ -123,6 +133,19 @@ def longest_held_s(usual_s: float, max_gap_s: float) -> float:
         max_gap_s: Longest stretch without a sample that a monitor accepts, s.
     """
     return min(max_gap_s, USUAL_INTERVALS * usual_s)
+
+
+def shown_within_s(signal: Signal, max_gap_s: float) -> float:
+    """How far apart two samples of a signal are at most where none between them is missing, s.
+
+    Args:
+        signal: Any; of one that follows from others these decide.
+        max_gap_s: Longest stretch without a sample that is accepted, s.
+    """
+    if isinstance(signal, Computed) or len(signal) < 2:
+        return max_gap_s
+    stated_s = 1.0 / signal.stated_rate_hz if signal.stated_rate_hz else math.inf
+    return longest_held_s(min(float(np.median(np.diff(signal.t))), stated_s), max_gap_s)
 
 
 # Cells -----------------------------------------------------------------------------------------

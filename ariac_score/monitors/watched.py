@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import MissingSignalError
+from ariac_score.monitors.cells import shown_within_s
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
@@ -103,7 +104,8 @@ class Watched:
         # On first access only: signals that show who is to blame can cost more than the verdict, and
         # most subjects have no violation that would need them.
         if template not in self._computed:
-            self._computed[template] = _values_over(self.optional[template], self.t, self.max_gap_s)
+            signal = self.optional[template]
+            self._computed[template] = _values_over(signal, self.t, self._shown_within_s(signal))
         return self._computed[template]
 
     def known(self, template: str) -> FloatArray:
@@ -159,8 +161,17 @@ class Watched:
         unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
         # As for a signal that is needed, both ends count as samples: one that begins a moment later than the
         # others, or ends earlier, has no gap.
-        gaps = signal.gaps(within or Span(float(self.t[0]), self.end_s), max_gap_s=self.max_gap_s)
+        whole = within or Span(float(self.t[0]), self.end_s)
+        gaps = signal.gaps(whole, max_gap_s=self.max_gap_s)
+        first_s, last_s = max(whole.start_s, float(signal.t[0])), min(whole.end_s, float(signal.t[-1]))
+        if first_s < last_s:
+            between = signal.gaps(Span(first_s, last_s), max_gap_s=self._shown_within_s(signal))
+            gaps = sorted({*gaps, *between})
         return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
+
+    def _shown_within_s(self, signal: Signal) -> float:
+        """How far apart its samples may be; in a world it has a value in every cell."""
+        return self.max_gap_s if self.filled is not None else shown_within_s(signal, self.max_gap_s)
 
     def hidden_findings(self, template: str, due: BoolArray, clause: str) -> list[Finding]:
         """What the gaps of an optional signal leave open, as findings."""
@@ -395,7 +406,8 @@ ON, OFF = "on", "off"
 def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: float) -> State | None:
     """A flag over time: from the signal `name/body`, else from events of that kind.
 
-    A signal's value holds until its next sample, for `max_age_s` at most. An event
+    A signal's value holds until its next sample, for `max_age_s` at most. Between two that are much further
+    apart than usual it is unknown, for who left out what was between would choose it. An event
     has the detail `on` or `off` and holds until the next; before the first event the
     state was the opposite one. An event with neither detail leaves the state unknown. A
     log that records such events but has none shows a flag that was never on.
@@ -418,7 +430,11 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
         # A flag stamped at the same instant counts, though both stamps may differ in their last bits.
         before = np.searchsorted(signal.t, t + TOLERANCE_S, side="right") - 1
         held = before.clip(0)
-        known = (before >= 0) & (t - signal.t[held] <= max_age_s + TOLERANCE_S)
+        # The next one, or itself at its own instant; the last one stands for as long as others.
+        behind = np.append(signal.t, np.inf)[np.searchsorted(signal.t, t - TOLERANCE_S, side="left")]
+        within_s = shown_within_s(signal, max_age_s) + TOLERANCE_S
+        lasts_s = np.where(np.isinf(behind), t, behind) - signal.t[held]
+        known = (before >= 0) & (lasts_s <= within_s)
         return State(known & (signal.values[held] >= 0.5), known)
     events = [e for e in trial.events_of(name) if e.subject in ("", body)]
     if not events and name not in trial.witnessed:

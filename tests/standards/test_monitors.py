@@ -1721,7 +1721,23 @@ def test_a_flag_that_is_not_known_all_the_time_is_undecided() -> None:
     finding = only(ReducedSpeed(applies="manual_mode"), trial)
 
     assert finding.verdict is INCONCLUSIVE
-    assert "'manual_mode' is not known at 1.510 s" in finding.message
+    # The last sample stands for 1.5 of the usual interval of 0.5 s.
+    assert "'manual_mode' is not known at 1.260 s" in finding.message
+
+
+@pytest.mark.parametrize(("left_out", "verdict"), [(0, VIOLATED), (1, INCONCLUSIVE), (4, INCONCLUSIVE)])
+def test_whoever_leaves_out_samples_of_a_flag_leaves_it_unknown(left_out: int, verdict: Verdict) -> None:
+    """At 10 Hz: on from 2.0 s to 2.4 s, at 0.5 m/s."""
+    t = np.arange(401) / 100
+    trial = trial_of({"speed/r": ("m/s", np.full(len(t), 0.5))}, t=t)
+    at = np.arange(41) / 10
+    on = ((at > 1.95) & (at < 2.35)).astype(float)
+    kept = np.ones(len(at), dtype=bool)
+    kept[20 : 20 + left_out] = False
+    flag = Signal("manual_mode/r", "1", at[kept], on[kept])
+    trial = dataclasses.replace(trial, signals={**trial.signals, flag.name: flag})
+
+    assert only(ReducedSpeed(applies="manual_mode"), trial).verdict is verdict
 
 
 def test_an_event_that_says_neither_on_nor_off_leaves_a_flag_unknown() -> None:
