@@ -120,6 +120,10 @@ class Stream:
             found[:-apart] |= self.open[apart:]
         return np.asarray(found[np.searchsorted(self.t, cells.t, side="right")])
 
+    def may_lack(self, cells: Cells) -> BoolArray:
+        """Whether a sample may be missing in each cell, shape (n,): it is open and no instant of a sample."""
+        return self.is_open(cells) & ~(cells.instants & np.isin(cells.t, self.t))
+
     def spans(self, window: Span) -> list[Span]:
         """The open intervals, as far as they lie in a window."""
         return [Span(float(start), float(end)) for start, end in self.edges(window).T]

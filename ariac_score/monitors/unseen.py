@@ -326,13 +326,12 @@ class Unseen:
             return found
         found = [one and _with_told(one, signal, cells) for signal, one in zip(signals, found, strict=True)]
         late_s, early_s = max(self.error_s(one.signal) for one in streams), self.assumed.time_error_s
-        is_open = np.any([one.is_open(cells) for one in streams], axis=0) & ~cells.instants
-        for one in found:
-            is_open |= False if one is None else one[0] < one[1]
+        is_open = np.any([one.may_lack(cells) for one in streams], axis=0)
         error_m = self.assumed.distance_error_m
+        filled = np.any([one[0] != one[1] for one in found if one is not None], axis=0)
         for k, (signal, one) in enumerate(zip(signals, found, strict=True)):
             if one is not None and error_m and quantity_of(signal.name) in DISTANCES:
-                known = is_open & (one[0] == one[1])  # of what is open that is said already
+                known = filled & (one[0] == one[1])  # of what is open that is said already
                 found[k] = one[0] - np.where(known, error_m, 0.0), one[1] + np.where(known, error_m, 0.0)
         return [one and standing(*one, cells, is_open, held_s + late_s, early_s) for one in found]
 
