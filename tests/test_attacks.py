@@ -508,7 +508,7 @@ ATTACKS = (
         frames,
         frames_at(25),
         "19.962815",
-        "1.545371",
+        "1.54556",
         "the recorder's manifest: each interval is a gap",
         ATTESTED,
     ),
@@ -526,7 +526,7 @@ ATTACKS = (
         under_a_room,
         of_human_at(2),
         "19.865964",
-        "1.582753",
+        "1.582762",
         "a chain of frames is seen when its slowest is",
     ),
     Attack(
