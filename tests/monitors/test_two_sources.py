@@ -147,6 +147,23 @@ def test_stamps_that_may_be_late_contradict_nothing_within_that_time() -> None:
     assert worst_s(farther_than(1.0), trial(late, *places().values())) == 0.0
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.09])
+def test_late_frames_show_what_was_in_a_gap_though_they_show_it_behind_the_gap(late_s: float) -> None:
+    """A dash from 1.23 s to 1.29 s, of which late frames tell when the snapshots are there again."""
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return np.where((t >= 1.23) & (t < 1.29), 1.9, 0.5)
+
+    def way(t: np.ndarray) -> np.ndarray:
+        return 0.5 * t + 1.4 * np.clip(t - 1.23, 0.0, 0.06)
+
+    frames = places(lambda t: way(t - late_s)).values()
+    late = (replace(one, stamp_jitter_s=late_s) for one in frames)
+    given = trial(recorded(speed, SPEED), *late)
+
+    assert worst_s(slower_than(1.5), given) > 0.0
+
+
 @pytest.mark.parametrize(
     "doubted",
     [

@@ -310,6 +310,41 @@ def test_a_monitor_that_does_not_say_what_is_worse_has_its_limit_broken_in_all_o
     }
 
 
+@pytest.mark.parametrize(("left_out", "open_s"), [(0, 0.0), (1, 0.02), (4, 0.05)])
+def test_what_nothing_bounds_may_have_been_in_every_gap_that_is_longer_than_usual(
+    left_out: int, open_s: float
+) -> None:
+    """The monitor accepts 50 ms; at 100 Hz one message that is missing shows all the same."""
+    t = np.arange(201) / 100
+    t = np.delete(t, np.arange(100, 100 + left_out))
+    place = Signal("position/arm", "m", t, np.zeros((len(t), 3)), "/poses")
+    given = replace(trial({0.0: 1.0, 2.0: 1.0}), signals={place.name: place})
+
+    _, opened = found(SpaceLimit(box_high_m=(1.0, 1.0, 1.0), max_gap_s=0.05), given)
+
+    assert sum(of_gap(one.worst, "time_in_violation_s") for one in opened) == pytest.approx(open_s, abs=1e-6)
+    assert not any(of_gap(one.best, "time_in_violation_s") for one in opened)
+
+
+def test_a_gap_of_a_speed_leaves_a_measured_distance_as_uncertain_as_it_is() -> None:
+    """Measured 0.97 m, wrong by up to 5 cm; required 0.98 m of a robot at rest."""
+    t = np.arange(201) / 100
+    still, walks = np.zeros(len(t)), np.ones(len(t))
+    given = trial(dict.fromkeys(t.tolist(), 0.97), stated={**by(1.0), "distance_error_m": 0.05})
+    (distance,) = given.signals.values()
+    seen = np.delete(np.arange(len(t)), np.arange(100, 120))
+    signals = (
+        replace(distance, name="centre_distance/arm/ann"),
+        Signal("speed/ann", "m/s", t, walks, "/scanner"),
+        Signal("speed/arm", "m/s", t[seen], still[seen], "/arm"),
+    )
+    given = replace(given, signals={one.name: one for one in signals})
+
+    _, opened = found(SsmSeparation(profile="seed", t1_s=0.2, t2_s=0.3, delta_m=0.48, max_gap_s=0.05), given)
+
+    assert not any(of_gap(one.best, "time_in_violation_s") for one in opened)
+
+
 def test_a_missing_signal_or_end_leaves_the_whole_competition_open(subtests: pytest.Subtests) -> None:
     for words, given in (
         ("signal", replace(trial({0.0: 3.0, 2.0: 3.0}), signals={})),
