@@ -188,7 +188,7 @@ def test_the_sparser_a_recording_is_the_wider_is_its_interval_around_the_truth(t
     for (least, most), (fewer_least, fewer_most) in pairwise(intervals):
         assert fewer_least <= least < most <= fewer_most
     widths = [most - least for least, most in intervals]
-    assert widths[0] < 0.05  # frames that stand for snapshots may be 1 cm and 2 cm/s off
+    assert widths[0] < 0.1  # frames that stand for snapshots may be 1 cm off, and speeds change between them
     assert widths[2] < 0.6  # at most 8 points are possible
 
 
