@@ -63,7 +63,7 @@ from ariac_score.monitors.watched import (
     watch_subjects,
     watched_signals,
 )
-from ariac_score.monitors.worlds import Worse
+from ariac_score.monitors.worsening import Worse
 from ariac_score.trial.spans import BoolArray
 
 __all__ = [

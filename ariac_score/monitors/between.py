@@ -10,16 +10,13 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
+from ariac_score.monitors.blunt import blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
+from ariac_score.monitors.pauses import joined_where_one, split_by_pauses
 from ariac_score.monitors.unseen import Unseen
-from ariac_score.monitors.worlds import (
-    Worsening,
-    alike,
-    blunt_worlds,
-    joined_where_one,
-    split_by_pauses,
-)
+from ariac_score.monitors.worlds import alike
+from ariac_score.monitors.worsening import Worsening
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, uncovered_spans

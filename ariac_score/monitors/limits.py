@@ -34,6 +34,7 @@ from ariac_score.trial.spans import BoolArray, FloatArray, Span, episodes_where
 from ariac_score.trial.sums import exact_sum
 
 __all__ = [
+    "DEPTHS",
     "Bound",
     "Details",
     "Episode",
@@ -62,6 +63,14 @@ _DEPTHS: Mapping[str, tuple[str, str, str]] = {
     "1": ("excess_max", "excess_integral_s", "s"),
 }
 """Names of the depth and of its integral, and unit of the integral, by unit of the limit."""
+
+
+DEPTHS: tuple[tuple[str, str], ...] = (
+    *((depth, integral) for depth, integral, _ in _DEPTHS.values()),
+    ("depth_max", "depth_integral"),
+    ("relative_depth_max", "relative_depth_integral_s"),
+)
+"""Names of each depth and of its integral over time."""
 
 
 def severity_measures(unit: str) -> dict[str, Measure]:

@@ -15,6 +15,7 @@ from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
+from ariac_score.monitors.blunt import whole_window
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
     Bound,
@@ -29,7 +30,8 @@ from ariac_score.monitors.limits import (
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
-from ariac_score.monitors.worlds import Worse, Worsening, open_worlds, whole_window
+from ariac_score.monitors.worlds import open_worlds
+from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
 from ariac_score.trial.spans import FloatArray
@@ -221,6 +223,7 @@ class _Unseen:
             getattr(monitor, "measures", {}),
             getattr(monitor, "t_off_s", 0.0),
             monitor.rules.clause,
+            monitor.rules.t_on_s,
             monitor.flags,
             monitor.may_be_critical,
         )

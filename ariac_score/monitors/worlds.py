@@ -10,22 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict, canonical
-from ariac_score.checks.measures import Measure
-from ariac_score.checks.open_findings import Cause, Worlds
-from ariac_score.monitors.causes import causes_of_cells, causes_of_spans
+from ariac_score.checks.open_findings import Worlds
+from ariac_score.monitors.blunt import blunt_worlds
+from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
+from ariac_score.monitors.pauses import joined_where_one, touch, violations_of
 from ariac_score.monitors.unseen import Unseen
 from ariac_score.monitors.watched import UndecidedError, Watched
+from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.computed import Computed
-from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.sums import exact_sum
@@ -33,18 +32,9 @@ from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 
 __all__ = [
     "Opened",
-    "Worse",
-    "Worsening",
     "alike",
-    "blunt_worlds",
-    "joined_where_one",
     "open_worlds",
-    "split_by_pauses",
-    "whole_window",
 ]
-
-Worse: TypeAlias = Literal["low", "high"]
-"""Which end of a signal is the worse one."""
 
 Judge: TypeAlias = Callable[[Watched], Iterable[Statement]]
 
@@ -56,27 +46,6 @@ RESOLUTION_S = 1e-8
 """Cells of an instant make times differ by less than this."""
 SAID_S = 0.0005
 """What is shorter is said as 0 s."""
-
-
-@dataclass(frozen=True)
-class Worsening:
-    """What a monitor says of itself so that worlds can be judged.
-
-    Attributes:
-        signals: Which end of each signal that is wanted is the worse one; empty: it does not say.
-        measures: The quantities of its findings.
-        t_off_s: Pauses shorter than this are bridged, s.
-        clause: Where the standard asks for it.
-        flags: What else it reads, and a sample of which stands for a while.
-        critical: Whether a violation is a critical event.
-    """
-
-    signals: Mapping[str, Worse]
-    measures: Mapping[str, Measure]
-    t_off_s: float
-    clause: str
-    flags: Sequence[str] = ()
-    critical: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +91,24 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return _blunt(watched, judge, monitor, opened, merged(spans, within_s=TOLERANCE_S)) if spans else None
     except UndecidedError:
         return None
+
+
+def _blunt(
+    watched: Watched, judge: Judge, monitor: Worsening, opened: Sequence[Stream], spans: Sequence[Span]
+) -> Opened:
+    """Kept in the best world, broken at full depth in the worst, in every open span."""
+    seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
+    said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
+    broken = [_broken_spans(limit) for limit in _limits(seen)]
+    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans, broken)
+    return Opened(worlds, tuple(seen), agree=False, said=said)
+
+
+def _broken_spans(limit: JudgedLimit) -> list[Span]:
+    """When a limit is broken, as samples stand."""
+    rows = np.flatnonzero(limit.bound.broken)
+    ends = limit.watched.t[rows] + limit.watched.durations_s[rows]
+    return merged(map(Span, limit.watched.t[rows].tolist(), ends.tolist()), within_s=TOLERANCE_S)
 
 
 # Bounded by how fast bodies move ---------------------------------------------------------------
@@ -247,54 +234,6 @@ def _differing(
     return found
 
 
-# Episodes are not monotone: two that touch are one ----------------------------------------------
-
-
-def _violations(findings: Iterable[Finding]) -> list[Finding]:
-    return [one for one in findings if one.verdict is Verdict.VIOLATED and one.span is not None]
-
-
-def joined_where_one(best: Sequence[Finding], worst: Sequence[Finding]) -> list[Finding]:
-    """The best findings with as few violations as there can be: what one in the worst world covers is one."""
-    found = list(best)
-    for whole in _violations(worst):
-        inside = [
-            one for one in _violations(found) if one.span and whole.span and one.span.overlaps(whole.span)
-        ]
-        if len(inside) > 1:
-            found = [one for one in found if one not in inside[1:]]
-            found[found.index(inside[0])] = _together(inside)
-    return found
-
-
-def _together(violations: Sequence[Finding]) -> Finding:
-    """One violation with all the time of several; its span is that of the first, so that none costs more."""
-    first = violations[0]
-    quantities = {
-        name: (max if _is_maximum(name) else exact_sum)(one.quantities.get(name, 0.0) for one in violations)
-        for name in first.quantities
-    }
-    margins = [one.robustness for one in violations if one.robustness is not None]
-    return replace(
-        first,
-        message=f"{first.message}; {len(violations) - 1} more may be one with it",
-        quantities=quantities,
-        robustness=min(margins) if margins else None,
-        profile=joined_profiles([_profile(one) for one in violations if one.span]),
-    )
-
-
-def _profile(violation: Finding) -> DepthProfile:
-    """How deep a violation was over time; as deep as can be, where it has no depth."""
-    if violation.profile is not None or violation.span is None:
-        return violation.profile or DepthProfile((0.0, 0.0), (0.0, 0.0))
-    return DepthProfile((violation.span.start_s, violation.span.end_s), (1.0, 0.0))
-
-
-def _is_maximum(name: str) -> bool:
-    return "max" in name or name == "exposure_s"
-
-
 def _further(
     best: Sequence[JudgedLimit], worst: Sequence[JudgedLimit], found: Sequence[Finding], monitor: Worsening
 ) -> list[Finding]:
@@ -310,43 +249,14 @@ def _further(
         if pause_s <= 0.0:
             continue
         safe = ~one.bound.broken
-        for violation in _violations(found):
+        for violation in violations_of(found):
             if violation.span is None:
                 continue
             for span in _runs(t, safe & (t >= violation.span.start_s) & (t < violation.span.end_s)):
                 for number in range(math.floor(span.duration_s / pause_s + 1e-9)):
                     at_s = span.start_s + number * pause_s
-                    further.append(_touch(violation, at_s))
+                    further.append(touch(violation, at_s))
     return further
-
-
-def split_by_pauses(best: Sequence[Finding], worst: Sequence[Finding], pause_s: float) -> list[Finding]:
-    """The same of findings alone: a pause may have been wherever the best world has no violation."""
-    further: list[Finding] = []
-    kept = merged(one.span for one in _violations(best) if one.span)
-    for violation in _violations(worst) if pause_s > 0.0 else ():
-        assert violation.span is not None
-        at_s = violation.span.start_s
-        for other in [*kept, Span(violation.span.end_s, violation.span.end_s)]:
-            lasts_s = min(other.start_s, violation.span.end_s) - at_s
-            further += [
-                _touch(violation, at_s + k * pause_s) for k in range(math.floor(lasts_s / pause_s + 1e-9))
-            ]
-            at_s = max(at_s, other.end_s)
-    return further
-
-
-def _touch(violation: Finding, at_s: float) -> Finding:
-    nothing = {name: n if name == "exposure_s" else 0.0 for name, n in violation.quantities.items()}
-    return replace(
-        violation,
-        message="may have ended and begun again; its time and depth are in the violation around it",
-        span=Span(at_s, at_s),
-        robustness=None if violation.robustness is None else 0.0,
-        quantities=nothing,
-        evidence=(),
-        profile=DepthProfile((at_s, at_s), (0.0, 0.0)),
-    )
 
 
 def _runs(t: FloatArray, holds: BoolArray) -> list[Span]:
@@ -370,127 +280,3 @@ def _same(one: Finding, other: Finding) -> bool:
         return False
     ends = [f.span and (round(f.span.start_s, 8), round(f.span.end_s, 8)) for f in (one, other)]
     return ends[0] == ends[1] and (one.verdict is not Verdict.VIOLATED or one.robustness == other.robustness)
-
-
-# Nothing is known ------------------------------------------------------------------------------
-
-
-def _blunt(
-    watched: Watched, judge: Judge, monitor: Worsening, opened: Sequence[Stream], spans: Sequence[Span]
-) -> Opened:
-    """Kept in the best world, broken at full depth in the worst, in every open span."""
-    seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
-    said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans)
-    return Opened(worlds, tuple(seen), agree=False, said=said)
-
-
-def blunt_worlds(
-    subject: str,
-    seen: Sequence[Finding],
-    monitor: Worsening,
-    opened: Sequence[Stream],
-    spans: Sequence[Span],
-) -> Worlds:
-    """Both worlds where nothing says what can have been in some spans.
-
-    Args:
-        subject: Whom they are about.
-        seen: What the samples show.
-        monitor: What it measures.
-        opened: The streams that lack samples.
-        spans: Where they do; at least one.
-    """
-    decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
-    # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
-    undecided = [one.span for one in seen if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
-    hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
-    broken = [finding for span in hidden for finding in _all_of(subject, span, monitor, seen)]
-    worst = [one for one in seen if one.verdict is Verdict.VIOLATED] + broken
-    kept = _bridged(decided, spans) or [_kept(subject, monitor)]
-    return Worlds(subject, tuple(kept), tuple(worst), causes_of_spans(opened, spans))
-
-
-def _bridged(findings: Sequence[Finding], spans: Sequence[Span]) -> list[Finding]:
-    """The findings, with violations on both sides of an open span as one."""
-    found = list(findings)
-    for span in spans:
-        for one, other in pairwise(_violations(found)):
-            if (
-                one.span
-                and other.span
-                and one.span.end_s >= span.start_s - 1e-9
-                and one.span.overlaps(
-                    Span(min(span.start_s, one.span.end_s), max(span.end_s, one.span.end_s))
-                )
-                and other.span.start_s <= span.end_s + 1e-9
-                and other.span.start_s >= span.start_s
-            ):
-                found[found.index(one)] = _together([one, other])
-                found.remove(other)
-    return found
-
-
-def _all_of(subject: str, span: Span, monitor: Worsening, seen: Sequence[Finding]) -> list[Finding]:
-    """Violations that last all of a span, as many as pauses fit into it."""
-    critical = monitor.critical or any(one.critical for one in seen)
-    lasts_s = span.duration_s
-    known = {
-        "time_in_violation_s": lasts_s,
-        "relative_depth_max": 1.0,
-        "relative_depth_integral_s": lasts_s,
-        "exposure_s": max([lasts_s, *(one.quantities.get("exposure_s", 0.0) for one in seen)]),
-    }
-    quantities = {name: n for name, n in known.items() if name in monitor.measures}
-    worst = Finding(
-        subject,
-        Verdict.VIOLATED,
-        f"nothing shows that the limit was kept, from {span.start_s:.3f} s to {span.end_s:.3f} s",
-        span=span,
-        quantities=quantities,
-        clause=monitor.clause,
-        critical=critical,
-    )
-    again = math.floor(lasts_s / monitor.t_off_s + 1e-9) if monitor.t_off_s > 0 else 0
-    return [worst, *(_touch(worst, span.start_s + k * monitor.t_off_s) for k in range(again))]
-
-
-def whole_window(
-    trial: Trial,
-    subject: str,
-    monitor: Worsening,
-    why: str,
-    *,
-    seen: Worlds | None = None,
-    certain: Sequence[Finding] = (),
-) -> Worlds | None:
-    """What is open where nothing shows a subject in the whole competition; `None` without a window.
-
-    Args:
-        trial: The trial.
-        subject: Whom it is about.
-        monitor: What it measures.
-        why: In words.
-        seen: What was found all the same.
-        certain: What is found in every competition that may have been.
-    """
-    window = trial.window
-    if trial.between is None or window is None:
-        return None
-    worst: tuple[Finding, ...] = () if seen is None else seen.worst
-    broken = _all_of(subject, window, monitor, worst)
-    kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
-    best = tuple(kept) or (_kept(subject, monitor),)
-    cause = Cause(why, spans=(window,))
-    causes = (cause,) if seen is None else (cause, *seen.causes)
-    violated = tuple(one for one in worst if one.verdict is Verdict.VIOLATED)
-    return Worlds(subject, best, (*violated, *broken), causes)
-
-
-def _kept(subject: str, monitor: Worsening) -> Finding:
-    """That the limit was kept, of whom nothing shows it."""
-    measures = monitor.measures
-    quantities = {name: one.reference for name, one in measures.items() if one.reference is not None}
-    quantities |= {"exposure_s": 0.0} if "exposure_s" in measures else {}
-    kept = Finding.satisfied(subject, "nothing shows that the limit was broken", clause=monitor.clause)
-    return replace(kept, quantities=quantities)

@@ -1,0 +1,261 @@
+"""Both worlds of what nothing bounds: kept at best where samples lack, and broken at full depth at worst."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ariac_score.checks.depth import DepthProfile
+from ariac_score.checks.findings import Finding, Verdict
+from ariac_score.checks.open_findings import Cause, Worlds
+from ariac_score.monitors.causes import causes_of_spans
+from ariac_score.monitors.cells import TOLERANCE_S, Stream
+from ariac_score.monitors.limits import DEPTHS
+from ariac_score.monitors.pauses import one_by_one, profile_of, together, touch, violations_of, without
+from ariac_score.monitors.worsening import Worsening
+from ariac_score.trial.model import Trial
+from ariac_score.trial.spans import Span, merged
+from ariac_score.trial.sums import exact_sum
+
+__all__ = ["blunt_worlds", "whole_window"]
+
+
+def blunt_worlds(
+    subject: str,
+    seen: Sequence[Finding],
+    monitor: Worsening,
+    opened: Sequence[Stream],
+    spans: Sequence[Span],
+    broken: Sequence[Sequence[Span]] = (),
+) -> Worlds:
+    """Both worlds where nothing says what can have been in some spans.
+
+    Args:
+        subject: Whom they are about.
+        seen: What the samples show.
+        monitor: What it measures.
+        opened: The streams that lack samples.
+        spans: Where they do; at least one.
+        broken: When each of its limits was, as samples stand, however briefly; empty where it has none.
+    """
+    decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
+    # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
+    undecided = [one.span for one in seen if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
+    hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
+    worst = _most(subject, hidden, monitor, seen, broken)
+    kept = _fewest(decided, hidden, monitor) or [_kept(subject, monitor)]
+    return Worlds(subject, tuple(kept), tuple(worst), causes_of_spans(opened, spans))
+
+
+def _fewest(findings: Sequence[Finding], hidden: Sequence[Span], monitor: Worsening) -> list[Finding]:
+    """What was found, without what is hidden of it; violations that no pause need part are one."""
+    shown = [_shown_of(one, hidden) for one in findings]
+    found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
+    known = [one.span for one in violations_of(found) if one.span]
+    for whole in merged([*hidden, *known], within_s=_near_s(monitor)):
+        inside = [one for one in violations_of(found) if one.span and one.span.overlaps(whole)]
+        joined = one_by_one(inside)
+        if len(joined) > 1:
+            found = [one for one in found if one not in joined[1:]]
+            found[found.index(joined[0])] = together(joined)
+    return found
+
+
+def _lasts(violation: Finding, least_s: float) -> bool:
+    return violation.quantities.get("time_in_violation_s", math.inf) >= least_s - TOLERANCE_S
+
+
+def _near_s(monitor: Worsening) -> float:
+    """Stretches no further from each other than this may be one violation, s."""
+    return max(monitor.t_off_s - TOLERANCE_S, TOLERANCE_S)
+
+
+def _shown_of(violation: Finding, hidden: Sequence[Span]) -> Finding:
+    """A violation without what is hidden of it: a sample shows its own instant."""
+    whole = violation.span
+    parts = [
+        Span(max(span.start_s, whole.start_s), min(span.end_s, whole.end_s))
+        for span in hidden
+        if whole and span.start_s < whole.end_s and span.end_s > whole.start_s
+    ]
+    if not parts or violation.verdict is not Verdict.VIOLATED:
+        return violation
+    hidden_s = exact_sum(one.duration_s for one in parts)
+    quantities = dict(violation.quantities)
+    for most, over_time in (("", "time_in_violation_s"), *DEPTHS):
+        if over_time in quantities:
+            at_most = quantities.get(most, 1.0)
+            quantities[over_time] = max(0.0, quantities[over_time] - at_most * hidden_s)
+    return replace(violation, quantities=quantities, profile=_shallowest(profile_of(violation), parts))
+
+
+def _most(
+    subject: str,
+    hidden: Sequence[Span],
+    monitor: Worsening,
+    seen: Sequence[Finding],
+    broken: Sequence[Sequence[Span]] = (),
+) -> list[Finding]:
+    """What was seen to be broken, and all that is hidden, at full depth.
+
+    What no pause parts is one violation, whether it was seen or hidden: else whoever hides one that was seen
+    would have one less.
+    """
+    rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
+    violations = violations_of(seen)
+    of_limits = [[one for one in violations if _begins(one, spans)] for spans in broken]
+    if not broken or sum(map(len, of_limits)) != len(violations):  # it judges by other than its limits
+        broken, of_limits = [merged(one.span for one in violations if one.span)], [violations]
+    for spans, of_limit in zip(broken, of_limits, strict=True):
+        for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
+            inside = [one for one in of_limit if one.span and whole.overlaps(one.span)]
+            parts, shown = ([one for one in each if whole.overlaps(one)] for each in (hidden, spans))
+            rows += _all_of(subject, whole, parts, shown, inside, monitor, seen) if parts else inside
+    return rows
+
+
+def _begins(violation: Finding, spans: Sequence[Span]) -> bool:
+    """Whether it begins with one of some spans."""
+    start_s = violation.span.start_s if violation.span else math.nan
+    return any(abs(one.start_s - start_s) <= TOLERANCE_S for one in spans)
+
+
+def _all_of(
+    subject: str,
+    whole: Span,
+    parts: Sequence[Span],
+    shown: Sequence[Span],
+    inside: Sequence[Finding],
+    monitor: Worsening,
+    seen: Sequence[Finding],
+) -> list[Finding]:
+    """One violation that lasts all of what is hidden and was seen around it, as often as pauses fit into it.
+
+    Args:
+        subject: Whom it is about.
+        whole: From where to where.
+        parts: What is hidden of it; at least one.
+        shown: When the limit was seen to be broken, however briefly.
+        inside: The violations that were found.
+        monitor: What it measures.
+        seen: All that was found.
+    """
+    counted = [one.span for one in inside if one.span]
+    brief = [one for one in shown if not any(one.overlaps(span) for span in counted)]
+    full = merged([*parts, *brief])
+    lasts_s = _measure([*parts, *shown])
+    deep_s = [_measure(full), *(one.quantities.get("relative_depth_integral_s", lasts_s) for one in inside)]
+    known = {
+        "time_in_violation_s": lasts_s,
+        "relative_depth_max": 1.0,
+        "relative_depth_integral_s": min(lasts_s, exact_sum(deep_s)),
+        "exposure_s": max([_measure(parts), *(one.quantities.get("exposure_s", 0.0) for one in seen)]),
+    }
+    from_s, to_s = parts[0].start_s, parts[-1].end_s
+    message = f"nothing shows that the limit was kept, from {from_s:.3f} s to {to_s:.3f} s"
+    worst = Finding(
+        subject,
+        Verdict.VIOLATED,
+        "; ".join([*(one.message for one in inside), message]),
+        span=whole,
+        quantities={name: n for name, n in known.items() if name in monitor.measures},
+        clause=monitor.clause,
+        critical=monitor.critical or any(one.critical for one in seen),
+        profile=_deepest(full, inside) if inside or len(full) > 1 else None,
+    )
+    rows = [worst]
+    certain = [left for span in merged(shown) for left in without(span, parts)]
+    for span in without(whole, certain):
+        rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
+    # Of what is no limit, several may be broken at once.
+    return rows + [touch(worst, span.start_s) for span in counted[len(rows) :]]
+
+
+def _after_pauses(span: Span, parts: Sequence[Span], pause_s: float) -> list[float]:
+    """When a violation that begins with a span may begin again within it, or at its end, after pauses, s."""
+    found: list[float] = []
+    ends_s = [one.end_s for one in parts]
+    next_s = span.start_s + pause_s
+    while pause_s > 0.0 and next_s <= span.end_s + TOLERANCE_S:
+        part = bisect_left(ends_s, next_s - TOLERANCE_S)
+        begins_s = max(next_s, parts[part].start_s) if part < len(parts) else span.end_s
+        found.append(min(begins_s, span.end_s))
+        next_s = found[-1] + pause_s
+    return found
+
+
+def _measure(spans: Sequence[Span]) -> float:
+    """How long they last together, s."""
+    return exact_sum(one.duration_s for one in merged(spans))
+
+
+def _shallowest(profile: DepthProfile, hidden: Sequence[Span]) -> DepthProfile:
+    """No depth where it is hidden, but for the instant that was the deepest: there was a sample."""
+    deepest = max(range(len(profile.t_s)), key=lambda k: profile.depth[k])
+    at_s, most = profile.t_s[deepest], profile.depth[deepest]
+    steps = {
+        t: profile.at(t) for t in (*profile.t_s, *(t for one in hidden for t in (one.start_s, one.end_s)))
+    }
+    shown = {
+        t: 0.0 if any(one.start_s <= t < one.end_s for one in hidden) else steps[t] for t in sorted(steps)
+    }
+    t_s, depth = [*shown], [*shown.values()]
+    here = t_s.index(at_s)
+    return DepthProfile((*t_s[:here], at_s, *t_s[here:]), (*depth[:here], most, *depth[here:-1], 0.0))
+
+
+def _deepest(parts: Sequence[Span], seen: Sequence[Finding]) -> DepthProfile:
+    """Full depth in all parts, and what was seen between them."""
+    profiles = [profile_of(one) for one in seen]
+    ends = {t for one in parts for t in (one.start_s, one.end_s)}
+    ends |= {t for one in profiles for t in one.t_s}
+    t_s = tuple(sorted(ends))
+    depth = [
+        1.0
+        if any(part.start_s <= t < part.end_s for part in parts)
+        else max((one.at(t) for one in profiles), default=0.0)
+        for t in t_s
+    ]
+    return DepthProfile(t_s, (*depth[:-1], 0.0))
+
+
+def whole_window(
+    trial: Trial,
+    subject: str,
+    monitor: Worsening,
+    why: str,
+    *,
+    seen: Worlds | None = None,
+    certain: Sequence[Finding] = (),
+) -> Worlds | None:
+    """What is open where nothing shows a subject in the whole competition; `None` without a window.
+
+    Args:
+        trial: The trial.
+        subject: Whom it is about.
+        monitor: What it measures.
+        why: In words.
+        seen: What was found all the same.
+        certain: What is found in every competition that may have been.
+    """
+    window = trial.window
+    if trial.between is None or window is None:
+        return None
+    worst: tuple[Finding, ...] = () if seen is None else seen.worst
+    broken = _most(subject, [window], monitor, worst)
+    kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
+    best = tuple(kept) or (_kept(subject, monitor),)
+    cause = Cause(why, spans=(window,))
+    causes = (cause,) if seen is None else (cause, *seen.causes)
+    return Worlds(subject, best, tuple(broken), causes)
+
+
+def _kept(subject: str, monitor: Worsening) -> Finding:
+    """That the limit was kept, of whom nothing shows it."""
+    measures = monitor.measures
+    quantities = {name: one.reference for name, one in measures.items() if one.reference is not None}
+    quantities |= {"exposure_s": 0.0} if "exposure_s" in measures else {}
+    kept = Finding.satisfied(subject, "nothing shows that the limit was broken", clause=monitor.clause)
+    return replace(kept, quantities=quantities)
