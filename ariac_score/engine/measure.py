@@ -19,7 +19,7 @@ from ariac_score.engine.open_window import ended_at_cut, opened_by_cut, opened_b
 from ariac_score.engine.prepared import Prepared, PreparedCheck, Rules, prepare
 from ariac_score.engine.window_ends import opened_by_ends
 from ariac_score.errors import LogError
-from ariac_score.monitors.unseen import broken_bounds
+from ariac_score.monitors.broken_bounds import broken_bounds
 from ariac_score.results.result import Coverage, Measured, Result
 from ariac_score.results.sketch import Sketch, sketch_of
 from ariac_score.scoring.levels import TRIAL

@@ -11,9 +11,10 @@ import pytest
 
 from ariac_score import Body, Event, Finding, Signal, Span, Trial, Verdict
 from ariac_score.checks.open_findings import Worlds
+from ariac_score.monitors.broken_bounds import broken_bounds
 from ariac_score.monitors.cells import cells_of
 from ariac_score.monitors.monitor import SubjectMonitor
-from ariac_score.monitors.unseen import Unseen, broken_bounds
+from ariac_score.monitors.unseen import Unseen
 from ariac_score.trial.bounds import BetweenSamples, between_samples
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.clock import Clock
