@@ -9,7 +9,7 @@ from typing import Any
 
 from ariac_score.cli.stored import result_given
 from ariac_score.errors import UsageError, did_you_mean
-from ariac_score.report.text import explain_text, score_text
+from ariac_score.report.text import INTERVAL, explain_text, score_text
 from ariac_score.terminal.style import style_for
 
 
@@ -26,7 +26,8 @@ def register(commands: Any) -> None:
         nargs="?",
         default="",
         metavar="PATH",
-        help="path in the ledger or a part of one, name of a check, id or subject of a finding",
+        help="path in the ledger or a part of one, name of a check, id or subject of a finding; "
+        "'interval': what is open, and when",
     )
     parser.set_defaults(run=run)
 
@@ -44,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
         known = {
             *(part for path in lines for part in path.split("/")),
             *result.measured.findings,
+            *(key for one in result.measured.open for key in (*one.best, *one.worst)),
+            *([INTERVAL] if result.measured.open else ()),
             *result.checks,
             *(scope.path for scope in result.measured.scopes.walk() if scope.path),
         }

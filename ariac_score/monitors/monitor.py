@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
+from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import whole_window
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
@@ -30,7 +31,7 @@ from ariac_score.monitors.limits import (
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
-from ariac_score.monitors.worlds import open_worlds
+from ariac_score.monitors.worlds import Opened, open_worlds
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
@@ -241,7 +242,7 @@ class _Unseen:
         clause = self.monitor.rules.clause
         opened = open_worlds(watched, judge, self._says)
         if opened is not None and watched.gaps and not opened.said:
-            stated = list(opened.statements)  # nothing is undecided: what is kept at worst is kept
+            stated = _decided(watched, judge, opened)
         else:
             stated = list(seen(watched, judge, clause, None if opened is None else opened.said))
         yield from stated
@@ -274,6 +275,33 @@ class _Unseen:
             return opened.worlds.best
         stated = seen(shortest, judge, self.monitor.rules.clause)
         return tuple(one for one in stated if isinstance(one, Finding))
+
+
+def _decided(
+    watched: Watched, judge: Callable[[Watched], Iterable[Statement]], opened: Opened
+) -> list[Statement]:
+    """What the samples show, where no gap leaves a verdict open: what is kept at worst is kept."""
+    try:
+        shown = list(judge(replace(watched, gaps=[])))
+    except (UndecidedError, MissingSignalError):
+        return list(opened.statements)
+    if not opened.agree:
+        return shown
+    found, bounded = (
+        [one for one in each if isinstance(one, Finding)] for each in (shown, opened.statements)
+    )
+    if len(found) == len(bounded):
+        bounded = list(map(_with_both_margins, found, bounded))
+    return [*(one for one in shown if not isinstance(one, Finding)), *bounded]
+
+
+def _with_both_margins(shown: Finding, bounded: Finding) -> Finding:
+    """What is known of a limit that was kept: the margin that counts; in words that of the samples, too."""
+    kept = bounded.verdict is Verdict.SATISFIED and shown.verdict is Verdict.SATISFIED
+    if not kept or bounded.message == shown.message:
+        return bounded
+    message = f"{shown.message}; between samples at worst: {bounded.message}"
+    return replace(bounded, message=message)  # no evidence: no sample shows the margin that counts
 
 
 class LimitMonitor(SubjectMonitor):

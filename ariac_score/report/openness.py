@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from decimal import Decimal
 
 from msgspec import UnsetType
 
 from ariac_score.checks.open_findings import by_source, stood_for
-from ariac_score.report.figures import amount_text, rounded_points
+from ariac_score.report.figures import amount_text
 from ariac_score.results.adjustments import interval_that_counts
 from ariac_score.results.doubt import undecided_text
 from ariac_score.results.result import Result
@@ -40,24 +39,13 @@ _COUNTS = {
 }
 
 
-def between(interval: ScoreInterval, digits: int | None = None) -> str:
-    """Both ends of an interval.
+def between(interval: ScoreInterval) -> str:
+    """Both ends of an interval, exactly: rounded ones might lie within it.
 
-    Args:
-        interval: The interval.
-        digits: Of the rule set, to say no more digits than mean something; by default the ends are exact.
-
-    >>> between(ScoreInterval(Decimal("19.761677"), Decimal("28.000000"), True, "worst"), 6)
-    'between 19.76 and 28'
+    >>> between(ScoreInterval(Decimal("19.761677"), Decimal("28.000000"), True, "worst"))
+    'between 19.761677 and 28'
     """
-
-    def said(points: Decimal) -> str:
-        return amount_text(points if digits is None else rounded_points(points, digits))
-
-    least, most = said(interval.least), said(interval.most)
-    if least == most:  # they differ only in digits that a headline leaves out
-        least, most = amount_text(interval.least), amount_text(interval.most)
-    return f"between {least} and {most}"
+    return f"between {amount_text(interval.least)} and {amount_text(interval.most)}"
 
 
 def which_counts(interval: ScoreInterval) -> str:
@@ -65,12 +53,11 @@ def which_counts(interval: ScoreInterval) -> str:
     return _COUNTS[interval.counts]
 
 
-def open_sentence(result: Result, digits: int | None = None) -> str:
+def open_sentence(result: Result) -> str:
     """Between which ends the score lies, and which one counts; empty where the log leaves nothing open.
 
     Args:
         result: The result.
-        digits: As for `between`.
     """
     interval = result.interval
     if interval is None:
@@ -78,7 +65,7 @@ def open_sentence(result: Result, digits: int | None = None) -> str:
     automatic = "automatic " if result.adjusted is not None else ""
     loosely = "" if interval.tight else "somewhere "
     counts = f"{which_counts(interval)}{_not_the_team_s(interval)}"
-    return f"the {automatic}score lies {loosely}{between(interval, digits)}; {counts}"
+    return f"the {automatic}score lies {loosely}{between(interval)}; {counts}"
 
 
 def adjusted_sentence(result: Result) -> str:

@@ -11,7 +11,7 @@ from ariac_score.review.left_out import scores_with_an_event
 from ariac_score.scoring.ruleset import RuleSet, rule_set_from_text
 from ariac_score.trial.statements import NOBODY, Statement
 
-__all__ = ["changes_nothing", "is_unattested", "left_out", "rests_on", "unattested"]
+__all__ = ["changes_nothing", "held_text", "is_held", "is_unattested", "left_out", "rests_on", "unattested"]
 
 _ORDER = ("work", "window", "set-up", "completeness")
 _OPEN = {"window": "window undecided", "completeness": "completeness not attested"}
@@ -36,9 +36,21 @@ def left_out(result: Result) -> tuple[str, ...]:
     each = ", ".join(f"{amount_text(one.score)} with one of {one.check}" for one in found)
     said = [f"were an event left out of the log, the score would have been {each}"] if each else []
     unrated = ", ".join(one or "its signals" for one in result.measured.unrated)
-    if unrated and _is_open(result) and _rules(result.rules).between_samples == "held":
+    if unrated and _is_open(result) and is_held(result):
         said.append(f"nobody states the rate of {unrated}: samples left out evenly would show nowhere")
     return tuple(said)
+
+
+def is_held(result: Result) -> bool:
+    """Whether its rules take each sample to stand until the next one."""
+    return _rules(result.rules).between_samples == "held"
+
+
+def held_text(result: Result) -> str:
+    """What an interval leaves out where samples are held; empty where nothing is open, or all is bounded."""
+    if result.interval is None or not is_held(result):
+        return ""
+    return "a sample stands until the next one (between_samples: held): what is shorter is in neither end"
 
 
 def changes_nothing(policy: str, result: Result) -> bool:

@@ -264,7 +264,7 @@ class _Teller:
             why = _cut(result.interval.narrowing[0].cause, 80) if result.interval.narrowing else ""
             rest = len(result.interval.narrowing) - 1
             more = f" and {count_in_words(rest, 'other cause', 'other causes')}" if rest > 0 else ""
-            return open_sentence(result, result.digits) + (f" (open because of {why}{more})" if why else "")
+            return open_sentence(result) + (f" (open because of {why}{more})" if why else "")
         if result.score is None:
             if not many or result.missing:
                 why = _cut(why_withheld(result), _LONGEST_MESSAGE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
@@ -23,7 +23,7 @@ from ariac_score.report.openness import (
     would_narrow,
 )
 from ariac_score.report.places import Places
-from ariac_score.report.statements import changes_nothing, left_out, rests_on
+from ariac_score.report.statements import changes_nothing, held_text, left_out, rests_on
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import label_of, priced_check, words_of
 from ariac_score.results.doubt import why_withheld
@@ -361,7 +361,7 @@ def _narrowing(result: Result, style: Style) -> Iterator[str]:
         return
     if len(lines) > _SHOWN:
         yield style(f"  … and {len(lines) - _SHOWN} more; see the result", "dim")
-    for remedy in (bounds_text(result), stand_in_text(result)):
+    for remedy in (bounds_text(result), held_text(result), stand_in_text(result)):
         if remedy:
             yield style(f"  {plain(remedy)}", "dim")
 
@@ -481,7 +481,34 @@ def explain_text(result: Result, path: str, style: Style | None = None) -> str:
         named |= not matching and any(item.path and item.contains(finding.subject) for item in items)
         if named and key not in shown:
             term += [*_finding_lines(key, finding, style, 0, prices[key]), ""]
-    return "\n".join(lines + term)
+    return "\n".join(lines + term + [*_open_lines(result, path, shown, style)])
+
+
+INTERVAL = "interval"
+"""The name under which all that is open is explained."""
+
+
+def _open_lines(result: Result, path: str, shown: Collection[str], style: Style) -> Iterator[str]:
+    """What is open for a check or a subject: when, and what would be found in the best and worst world."""
+    for one in result.measured.open:
+        if path not in (INTERVAL, one.check, one.subject, *one.best, *one.worst):
+            continue
+        yield style(plain(f"open: {one.check} of {one.subject}"), "bold")
+        for cause in one.causes:
+            yield f"  {plain(cause.text)}"
+            spans = [f"{span.start_s:.3f} to {span.end_s:.3f} s" for span in cause.spans[:_MOST_GAPS]]
+            spans += [f"… and {len(cause.spans) - _MOST_GAPS} more"] if len(cause.spans) > _MOST_GAPS else []
+            yield from (f"    {span}" for span in spans)
+        for world, findings in (("best", one.best), ("worst", one.worst)):
+            for key, finding in findings.items():
+                if key not in shown:
+                    yield style(f"  in the {world} world", "dim")
+                    yield from _finding_lines(key, finding, style, 2)
+        yield ""
+
+
+_MOST_GAPS = 50
+"""Of a cause, when so many of its gaps were is said."""
 
 
 def _items(result: Result, path: str) -> list[Scope]:

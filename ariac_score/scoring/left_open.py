@@ -24,6 +24,7 @@ TIME, DEPTH = "time_in_violation_s", "relative_depth_integral_s"
 TIMES = (TIME, DEPTH)
 """Quantities that are at most the time itself: a relative depth is at most 1."""
 NOT_SEEN = {"worst": "not seen, counted at its worst", "best": "not seen, counted at its best"}
+SEEN_IN_PART = "seen in part, counted at its worst"
 
 
 @dataclass(frozen=True)
@@ -188,9 +189,7 @@ def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool, watched
         check=one.check,
         subject=one.subject,
         best=one.best,
-        worst={
-            key: _not_seen(f, "worst") if f.verdict is Verdict.VIOLATED else f for key, f in one.worst.items()
-        },
+        worst={key: _as_at_worst(f, one.best.values()) for key, f in one.worst.items()},
         seen=seen,
         causes=one.causes or (Cause(f"{one.check} of {one.subject} was not seen"),),
         is_verdict=False,
@@ -201,6 +200,17 @@ def _between(one: OpenFindings, seen: tuple[str, ...], *, endless: bool, watched
         # A monitor may have found less of a violation than its worst world has.
         turns=not watched and len(one.best) == len(one.worst) == 1,
     )
+
+
+def _as_at_worst(finding: Finding, best: Iterable[Finding]) -> Finding:
+    """A finding of the worst world; of a violation it says whether all of it may not have been."""
+    if finding.verdict is not Verdict.VIOLATED:
+        return finding
+    certain = any(
+        one.verdict is Verdict.VIOLATED and one.span and finding.span and one.span.overlaps(finding.span)
+        for one in best
+    )
+    return replace(finding, message=f"{SEEN_IN_PART if certain else NOT_SEEN['worst']}: {finding.message}")
 
 
 def _violations(findings: Iterable[Finding]) -> int:

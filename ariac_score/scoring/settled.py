@@ -260,11 +260,18 @@ def _inner(key: str, pins: Mapping[str, bool]) -> list[str]:
 
 def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
     """What would narrow the interval, most first."""
-    causes = by_source([one.causes for one in settled.worlds.variables])
     width = settled.most.value - settled.least.value
+    variables, budget = settled.worlds.variables, MOST_TRIED_FOR_CAUSES
+    matter = []
+    for one in variables if len(variables) <= MOST_CAUSES else ():
+        matters, tried = _matters(settled, one.key, _CLOSE * (1 + width), budget)
+        matter += [one] if matters else []
+        budget -= tried
+    matter = matter or [*variables]
+    causes = by_source([one.causes if one in matter else () for one in variables])
     least, most = settled.ends(digits)
     found = []
-    budget = MOST_TRIED_FOR_CAUSES if len(causes) <= MOST_CAUSES else 0
+    budget = budget if len(causes) <= MOST_CAUSES else 0
     for cause, numbers in causes.items():
         among = [settled.worlds.variables[number] for number in numbers]
         by, widths = None, []
@@ -285,6 +292,14 @@ def _narrowing(settled: Settled, digits: int) -> tuple[Narrowing, ...]:
             )
     # Of those that are worth the same, the first of its variable first: an unknown end before the gaps.
     return tuple(sorted(found, key=lambda one: -(one.at_most or Decimal(0))))
+
+
+def _matters(settled: Settled, key: str, more_than: float, most_tried: int) -> tuple[bool, int]:
+    """Whether the score is open for this alone, all else at its worst or its best; and how much that took."""
+    others = [one.key for one in settled.worlds.variables if one.key != key]
+    at_worst, tried = _width(settled, others, worst=True, most_tried=most_tried)
+    at_best, more = _width(settled, others, worst=False, most_tried=most_tried - tried)
+    return max(at_worst, at_best) > more_than, tried + more
 
 
 def _width(settled: Settled, keys: list[str], *, worst: bool, most_tried: int) -> tuple[float, int]:

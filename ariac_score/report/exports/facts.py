@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any
 
@@ -28,6 +29,7 @@ __all__ = [
     "narrowing",
     "remarks",
     "told",
+    "told_findings",
     "unofficial",
     "unrecorded",
     "when",
@@ -54,6 +56,16 @@ def final_findings(result: Result) -> Mapping[str, Finding]:
     decisions = () if result.adjusted is None else result.adjusted.adjustments
     findings = with_verdicts(result.measured.findings, decisions)
     return {key: findings[key] for key in sorted(findings, key=_by_number)}
+
+
+def told_findings(result: Result) -> Mapping[str, Finding]:
+    """The same, and those of the world that counts that took something, which nobody saw wholly."""
+    found = dict(final_findings(result))
+    for key in taken_by(result.ledger):
+        if key not in found and key in result.measured.in_all_worlds:
+            charged = result.measured.in_all_worlds[key]
+            found[key] = replace(charged, message=f"counted at its worst: {charged.message}")
+    return {key: found[key] for key in sorted(found, key=_by_number)}
 
 
 def _by_number(key: str) -> tuple[str, int, str]:

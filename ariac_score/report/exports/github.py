@@ -12,11 +12,11 @@ from ariac_score.checks.findings import Verdict
 from ariac_score.report.exports.facts import (
     cost,
     cut,
-    final_findings,
     headline,
     name,
     narrowing,
     remarks,
+    told_findings,
     unrecorded,
     when,
     why_unofficial,
@@ -43,7 +43,7 @@ def github_text(result: Result) -> str:
 
 
 def _findings(result: Result, verdict: Verdict, command: str) -> Iterator[str]:
-    found = [(key, finding) for key, finding in final_findings(result).items() if finding.verdict is verdict]
+    found = [(key, finding) for key, finding in told_findings(result).items() if finding.verdict is verdict]
     found.sort(key=lambda item: (not result.checks[item[1].check]["priced"], item[1].span is None, item[0]))
     # The score is an annotation as well, and so is the count of those that do not fit.
     shown = found if len(found) <= SHOWN - 2 else found[: SHOWN - 3]

@@ -17,6 +17,7 @@ from ariac_score.report.exports.facts import (
     headline,
     remarks,
     told,
+    told_findings,
     unrecorded,
     when,
     why_unofficial,
@@ -118,7 +119,7 @@ def _name(line: Line) -> str:
 
 
 def _found(result: Result, verdict: Verdict, title: str) -> Iterator[str]:
-    found = [(key, finding) for key, finding in final_findings(result).items() if finding.verdict is verdict]
+    found = [(key, finding) for key, finding in told_findings(result).items() if finding.verdict is verdict]
     if not found:
         return
     yield f"### {title}"

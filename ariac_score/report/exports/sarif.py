@@ -17,11 +17,11 @@ from ariac_score.report.exports.facts import (
     cost,
     cut,
     ends,
-    final_findings,
     headline,
     name,
     narrowing,
     remarks,
+    told_findings,
     unofficial,
     unrecorded,
     when,
@@ -44,7 +44,7 @@ def _run(result: Result) -> dict[str, Any]:
     names = list(checks(result))
     reported = [
         (key, finding)
-        for key, finding in final_findings(result).items()
+        for key, finding in told_findings(result).items()
         if finding.verdict in (Verdict.VIOLATED, Verdict.INCONCLUSIVE)
     ]
     return {

@@ -10,10 +10,11 @@ from decimal import Decimal
 from typing import Any
 
 from ariac_score.report.exports.facts import (
+    cost,
     ends,
-    final_findings,
     narrowing,
     remarks,
+    told_findings,
     unofficial,
 )
 from ariac_score.report.spreadsheet import text_cell
@@ -77,7 +78,7 @@ def _head(result: Result) -> dict[str, Any]:
 
 def _rows(result: Result) -> Iterator[dict[str, Any]]:
     head = _head(result)
-    for key, finding in final_findings(result).items():
+    for key, finding in told_findings(result).items():
         used = result.checks[finding.check]
         yield {
             **head,
@@ -94,6 +95,7 @@ def _rows(result: Result) -> Iterator[dict[str, Any]]:
             "unit": finding.unit,
             "critical": finding.critical,
             "clause": finding.clause,
+            "points": _amount(cost(key, result)),
             "message": finding.message,
         }
 

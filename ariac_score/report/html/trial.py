@@ -28,7 +28,7 @@ from ariac_score.report.html.wording import brief, file_name, number, seconds
 from ariac_score.report.html.work import grouped, work_of
 from ariac_score.report.openness import is_at_worst, which_counts, would_narrow
 from ariac_score.report.places import Places
-from ariac_score.report.statements import changes_nothing
+from ariac_score.report.statements import changes_nothing, is_held
 from ariac_score.report.summary import summary_of
 from ariac_score.report.words import capital, words_of
 from ariac_score.results.adjustments import interval_that_counts
@@ -105,6 +105,7 @@ def trial_page(
         assumed=_assumed(result),
         no_difference=all(changes_nothing(one.policy, result) for one in result.assumptions),
         open_ends=interval_that_counts(result),
+        is_held=is_held(result),
         lacking=[] if result.score is not None else would_narrow(result),
         which_counts=which_counts,
         only_official=any(one.message == ONLY_OFFICIAL for one in result.assumptions),
