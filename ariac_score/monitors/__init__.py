@@ -22,6 +22,7 @@ speed beyond its limit for 0.08 s; at worst 0.500 m/s (at most 0.250), at 0.080 
 """
 
 from ariac_score.monitors.between import FilledSignals, worlds_between
+from ariac_score.monitors.cells import shown_within_s
 from ariac_score.monitors.encounter import (
     APART,
     EXPOSURE_DISTANCE_M,
@@ -108,6 +109,7 @@ __all__ = [
     "robot_moving",
     "rows_of_episodes",
     "severity_measures",
+    "shown_within_s",
     "state_over",
     "violations_only",
     "watch_subjects",

@@ -57,7 +57,8 @@ def worlds_between(
     clause: str = "",
     critical: bool = False,
     judge: JudgeWorld | None = None,
-    remembers: bool = False,
+    ahead_s: float = 0.0,
+    back_s: float = 0.0,
 ) -> Iterator[Finding | Worlds]:
     """What was found about a subject, and what the time without samples leaves open of it.
 
@@ -75,7 +76,8 @@ def worlds_between(
         clause: Where it is asked for.
         critical: Whether a violation is a critical event.
         judge: Its findings in one world; `None`: nothing bounds what may have been in a gap.
-        remembers: Whether what was in a gap may change what is found after it.
+        ahead_s: How far ahead a verdict looks at most, s: so long before a gap it may hang on it.
+        back_s: How far back, s: so long behind a gap.
     """
     assumed, window = trial.between, trial.window
     if assumed is None or window is None or not signals:
@@ -103,10 +105,12 @@ def worlds_between(
         yield from seen
         monitor = Worsening({}, measures, t_off_s, clause, critical=critical)
         spans = _spans(signals, opened, window, max_gap_s)
-        if spans and remembers:
-            spans, seen = [Span(spans[0].start_s, window.end_s)], _before(seen, spans[0].start_s)
-        if spans:
-            yield blunt_worlds(subject, seen, monitor, opened, spans)
+        reached = [
+            Span(max(window.start_s, one.start_s - ahead_s), min(window.end_s, one.end_s + back_s))
+            for one in spans
+        ]
+        if reached:
+            yield blunt_worlds(subject, seen, monitor, opened, merged(reached, within_s=TOLERANCE_S))
 
 
 def _filled(
@@ -137,11 +141,6 @@ def _spans(
     ]
     found += [span for stream in opened for span in stream.spans(window)]
     return merged(found, within_s=TOLERANCE_S)
-
-
-def _before(seen: Sequence[Finding], at_s: float) -> list[Finding]:
-    """What was over before a moment."""
-    return [one for one in seen if one.span is not None and one.span.end_s <= at_s]
 
 
 def _decided(findings: Sequence[Finding], as_verdict: Verdict) -> tuple[Finding, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 from ariac_score.checks.depth import DepthProfile
 from ariac_score.checks.findings import Finding, Verdict
@@ -19,7 +19,29 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import Span, merged
 from ariac_score.trial.sums import exact_sum
 
-__all__ = ["blunt_worlds", "whole_window"]
+__all__ = ["Judged", "blunt_worlds", "whole_window"]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A limit of a monitor, in the worst world as far as samples show it.
+
+    Attributes:
+        broken: When it was, as samples stand, however briefly.
+        findings: What was found of it.
+    """
+
+    broken: Sequence[Span]
+    findings: Sequence[Finding]
+
+    @property
+    def is_told(self) -> bool:
+        """Whether its violations are the stretches in which it was broken, not what takes a course."""
+        return all(
+            any(abs(one.start_s - violation.span.start_s) <= TOLERANCE_S for one in self.broken)
+            for violation in violations_of(self.findings)
+            if violation.span
+        )
 
 
 def blunt_worlds(
@@ -28,7 +50,7 @@ def blunt_worlds(
     monitor: Worsening,
     opened: Sequence[Stream],
     spans: Sequence[Span],
-    broken: Sequence[Sequence[Span]] = (),
+    judged: Sequence[Judged] = (),
 ) -> Worlds:
     """Both worlds where nothing says what can have been in some spans.
 
@@ -38,15 +60,29 @@ def blunt_worlds(
         monitor: What it measures.
         opened: The streams that lack samples.
         spans: Where they do; at least one.
-        broken: When each of its limits was, as samples stand, however briefly; empty where it has none.
+        judged: Each of its limits; empty: it has none, and `seen` is of the worst world as well.
     """
     decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
+    judged = judged or [Judged((), seen)]
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
-    undecided = [one.span for one in seen if one.verdict is Verdict.INCONCLUSIVE and one.span is not None]
+    undecided = [
+        one.span
+        for one in (*seen, *(finding for limit in judged for finding in limit.findings))
+        if one.verdict is Verdict.INCONCLUSIVE and one.span is not None
+    ]
     hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
-    worst = _most(subject, hidden, monitor, seen, broken)
+    worst = _most(subject, hidden, monitor, judged)
+    if not all(limit.is_told for limit in judged):  # what a gap hides of its course may have made it none
+        decided = [one for one in decided if not _touches(one, hidden)]
     kept = _fewest(decided, hidden, monitor) or [_kept(subject, monitor)]
     return Worlds(subject, tuple(kept), tuple(worst), causes_of_spans(opened, spans))
+
+
+def _touches(finding: Finding, hidden: Sequence[Span]) -> bool:
+    """Whether a violation is hidden in part."""
+    return finding.verdict is Verdict.VIOLATED and any(
+        finding.span is None or finding.span.overlaps(one) for one in hidden
+    )
 
 
 def _fewest(findings: Sequence[Finding], hidden: Sequence[Span], monitor: Worsening) -> list[Finding]:
@@ -92,34 +128,25 @@ def _shown_of(violation: Finding, hidden: Sequence[Span]) -> Finding:
 
 
 def _most(
-    subject: str,
-    hidden: Sequence[Span],
-    monitor: Worsening,
-    seen: Sequence[Finding],
-    broken: Sequence[Sequence[Span]] = (),
+    subject: str, hidden: Sequence[Span], monitor: Worsening, judged: Sequence[Judged]
 ) -> list[Finding]:
     """What was seen to be broken, and all that is hidden, at full depth.
 
     What no pause parts is one violation, whether it was seen or hidden: else whoever hides one that was seen
     would have one less.
     """
+    seen = [one for limit in judged for one in limit.findings]
+    if not all(limit.is_told for limit in judged):  # it judges by other than its limits
+        judged = [Judged((), seen)]
     rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
-    violations = violations_of(seen)
-    of_limits = [[one for one in violations if _begins(one, spans)] for spans in broken]
-    if not broken or sum(map(len, of_limits)) != len(violations):  # it judges by other than its limits
-        broken, of_limits = [merged(one.span for one in violations if one.span)], [violations]
-    for spans, of_limit in zip(broken, of_limits, strict=True):
+    for limit in judged:
+        violations = violations_of(limit.findings)
+        spans = limit.broken or merged(one.span for one in violations if one.span)
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
-            inside = [one for one in of_limit if one.span and whole.overlaps(one.span)]
+            inside = [one for one in violations if one.span and whole.overlaps(one.span)]
             parts, shown = ([one for one in each if whole.overlaps(one)] for each in (hidden, spans))
             rows += _all_of(subject, whole, parts, shown, inside, monitor, seen) if parts else inside
     return rows
-
-
-def _begins(violation: Finding, spans: Sequence[Span]) -> bool:
-    """Whether it begins with one of some spans."""
-    start_s = violation.span.start_s if violation.span else math.nan
-    return any(abs(one.start_s - start_s) <= TOLERANCE_S for one in spans)
 
 
 def _all_of(
@@ -145,7 +172,8 @@ def _all_of(
     counted = [one.span for one in inside if one.span]
     brief = [one for one in shown if not any(one.overlaps(span) for span in counted)]
     full = merged([*parts, *brief])
-    lasts_s = _measure([*parts, *shown])
+    # Of what takes its course, several that overlap last longer than the time in which one of them did.
+    lasts_s = max(_measure([*parts, *shown]), _lasting(inside, parts))
     deep_s = [_measure(full), *(one.quantities.get("relative_depth_integral_s", lasts_s) for one in inside)]
     known = {
         "time_in_violation_s": lasts_s,
@@ -158,7 +186,7 @@ def _all_of(
     worst = Finding(
         subject,
         Verdict.VIOLATED,
-        "; ".join([*(one.message for one in inside), message]),
+        "; ".join([*_told_of(inside), message]),
         span=whole,
         quantities={name: n for name, n in known.items() if name in monitor.measures},
         clause=monitor.clause,
@@ -171,6 +199,12 @@ def _all_of(
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
     # Of what is no limit, several may be broken at once.
     return rows + [touch(worst, span.start_s) for span in counted[len(rows) :]]
+
+
+def _told_of(violations: Sequence[Finding]) -> list[str]:
+    """What was found of several violations, in words; of more than two only how many more there are."""
+    told = [one.message for one in violations[:1]]
+    return told + ([f"{len(violations) - 1} more were seen"] if len(violations) > 1 else [])
 
 
 def _after_pauses(span: Span, parts: Sequence[Span], pause_s: float) -> list[float]:
@@ -186,7 +220,16 @@ def _after_pauses(span: Span, parts: Sequence[Span], pause_s: float) -> list[flo
     return found
 
 
-def _measure(spans: Sequence[Span]) -> float:
+def _lasting(violations: Sequence[Finding], parts: Sequence[Span]) -> float:
+    """How long violations that overlap each other last, and what is hidden besides, s; 0 of others."""
+    spans = [one.span for one in violations if one.span]
+    if len(one_by_one(violations)) == len(violations):
+        return 0.0
+    each = exact_sum(one.quantities.get("time_in_violation_s", 0.0) for one in violations)
+    return exact_sum([each, _measure(left for part in parts for left in without(part, merged(spans)))])
+
+
+def _measure(spans: Iterable[Span]) -> float:
     """How long they last together, s."""
     return exact_sum(one.duration_s for one in merged(spans))
 
@@ -244,7 +287,7 @@ def whole_window(
     if trial.between is None or window is None:
         return None
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
-    broken = _most(subject, [window], monitor, worst)
+    broken = _most(subject, [window], monitor, [Judged((), worst)])
     kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
     best = tuple(kept) or (_kept(subject, monitor),)
     cause = Cause(why, spans=(window,))

@@ -81,7 +81,7 @@ class Stream:
         """
         t = signal.t
         if signal.constant:
-            return cls(signal, np.zeros(len(t) + 1, dtype=bool))
+            return cls.never_open(signal)
         edges = np.concatenate(([-np.inf], t, [np.inf]))
         start = np.maximum(edges[:-1], window.start_s)
         lasts = np.minimum(edges[1:], window.end_s) - start
@@ -101,6 +101,11 @@ class Stream:
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)
         return cls(signal, unseen, stated if thinned else 0.0, held_s=longest)
+
+    @classmethod
+    def never_open(cls, signal: Signal) -> Stream:
+        """The stream of a signal of which nothing is open."""
+        return cls(signal, np.zeros(len(signal.t) + 1, dtype=bool))
 
     def edges(self, window: Span) -> FloatArray:
         """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""

@@ -122,6 +122,11 @@ class SubjectMonitor:
         return "tight" if alone else "outer"
 
     @property
+    def only_after(self) -> Sequence[str]:
+        """Kinds of events without which nothing can be violated, whatever lacks; empty: there are none."""
+        return ()
+
+    @property
     def when_cut(self) -> WhenCut:
         """What its findings are worth where the log is cut off, as `open` where it does not say so."""
         return "open"
@@ -240,7 +245,9 @@ class _Unseen:
     ) -> Iterator[Statement]:
         """What was seen, and both worlds where they differ."""
         clause = self.monitor.rules.clause
-        opened = open_worlds(watched, judge, self._says)
+        if self.monitor.flags:
+            watched = watched.where_known(self.monitor.flags, self.monitor.max_flag_age_s)
+        opened = None if self._is_idle(watched) else open_worlds(watched, judge, self._says)
         if opened is not None and watched.gaps and not opened.said:
             stated = _decided(watched, judge, opened)
         else:
@@ -259,6 +266,13 @@ class _Unseen:
             worlds = whole_window(watched.trial, name, self._says, why, seen=worlds, certain=certain)
         if worlds is not None:
             yield worlds
+
+    def _is_idle(self, watched: Watched) -> bool:
+        """Whether the log shows that there was nothing that a violation would have to come after."""
+        kinds, trial = self.monitor.only_after, watched.trial
+        events = (event for kind in kinds for event in trial.events_of(kind))
+        concern = any(event.subject in ("", watched.subject.name) for event in events)
+        return bool(kinds) and trial.witnessed >= {*kinds} and not concern
 
     def _certain(
         self, watched: Watched, judge: Callable[[Watched], Iterable[Statement]], worlds: Worlds | None

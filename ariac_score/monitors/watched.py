@@ -8,7 +8,7 @@ which stay as they are until they change, come from `state_over`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
@@ -22,7 +22,7 @@ from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal, align
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, sample_durations, uncovered_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, sample_durations, uncovered_spans
 
 __all__ = [
     "ENVIRONMENT",
@@ -75,6 +75,7 @@ class Watched:
         subject: Whose signals they are.
         trial: Where they are from: its bodies and events.
         filled: Which samples stand for what may have been, shape (n,), and were not measured; `None`: none.
+        unknown: Where the signal of a flag does not show it, by the name of the signal; no sample lies there.
     """
 
     t: FloatArray
@@ -87,6 +88,7 @@ class Watched:
     subject: Subject = WHOLE_TRIAL
     trial: Trial = field(default_factory=lambda: Trial(""))
     filled: BoolArray | None = None
+    unknown: Mapping[str, Sequence[Span]] = field(default_factory=dict)
     _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
@@ -214,6 +216,29 @@ class Watched:
     def end_s(self) -> float:
         """Time of the last sample; there has to be one."""
         return float(self.t[-1])
+
+    def where_known(self, flags: Iterable[str], max_age_s: float) -> Watched:
+        """Without the samples at which the log has a flag, and does not show whether it is on.
+
+        Args:
+            flags: Of the subject, by quantity.
+            max_age_s: How long a sample of one holds at most, s.
+        """
+        window, unknown, known = self.trial.window, {}, np.ones(len(self), dtype=bool)
+        for flag in flags:
+            signal = self.trial.find_signal(f"{flag}/{self.subject.name}")
+            if signal is None or not len(signal) or window is None:
+                continue
+            spans = _unknown_spans(signal, window, max_age_s)
+            state = self.state(flag, max_age_s)
+            if spans and state is not None:
+                unknown[signal.name] = spans
+                known &= state.known
+        if not unknown:
+            return self
+        columns = {name: column[known] for name, column in self.columns.items()}
+        gaps = merged([*self.gaps, *(span for spans in unknown.values() for span in spans)])
+        return replace(self, t=self.t[known], columns=columns, gaps=gaps, unknown=unknown)
 
     def within(self, trial: Trial) -> Watched:
         """The same signals in the competition of another trial that has them."""
@@ -446,6 +471,18 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     words = np.array([earlier, *(event.detail for event in events)])
     word = words[np.searchsorted(times, t, side="right")]
     return State(word == ON, (word == ON) | (word == OFF))
+
+
+def _unknown_spans(signal: Signal, window: Span, max_age_s: float) -> list[Span]:
+    """Where in a competition the signal of a flag does not show it, as `state_over` has it."""
+    edges = np.concatenate(([-np.inf], signal.t, [np.inf]))
+    starts, ends = np.maximum(edges[:-1], window.start_s), np.minimum(edges[1:], window.end_s)
+    longest_s = np.full(len(starts), shown_within_s(signal, max_age_s))
+    longest_s[0] = 0.0  # nothing stands for what was before the first
+    whole = np.diff(edges)
+    whole[-1] = window.end_s - edges[-2]
+    rows = np.flatnonzero((ends - starts > TOLERANCE_S) & (whole > longest_s + TOLERANCE_S))
+    return [Span(float(starts[row]), float(ends[row])) for row in rows]
 
 
 def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[np.intp]:

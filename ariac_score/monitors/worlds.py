@@ -8,15 +8,17 @@ there, in the worst it is broken all the time, at full depth.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from typing import TypeAlias
 
 import numpy as np
 
 from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.open_findings import Worlds
-from ariac_score.monitors.blunt import blunt_worlds
+from ariac_score.errors import MissingSignalError
+from ariac_score.monitors.blunt import Judged, blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
@@ -80,28 +82,48 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
     signals = {template: trial.signals[name] for template, name in watched.names.items()}
     unseen = Unseen(trial, assumed, window, watched.max_gap_s)
     opened = [one for one in unseen.all_streams(signals.values()) if one.open.any()]
-    if not opened:
+    if not opened and not watched.unknown:
         return None
-    try:
-        if monitor.signals.keys() >= signals.keys():
+    if opened and not watched.unknown and monitor.signals.keys() >= signals.keys():
+        try:
             found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window))
-            if found is not None:
-                return found
-        spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window))]
-        return _blunt(watched, judge, monitor, opened, merged(spans, within_s=TOLERANCE_S)) if spans else None
-    except UndecidedError:
-        return None
+        except UndecidedError:  # of a moment that no sample shows: nothing bounds what was there
+            found = None
+        if found is not None:
+            return found
+    spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window))]
+    opened += [Stream.never_open(trial.signals[name]) for name in watched.unknown]
+    hidden = merged(spans, within_s=TOLERANCE_S)
+    return _blunt(watched, judge, monitor, opened, hidden, window) if spans else None
 
 
 def _blunt(
-    watched: Watched, judge: Judge, monitor: Worsening, opened: Sequence[Stream], spans: Sequence[Span]
+    watched: Watched,
+    judge: Judge,
+    monitor: Worsening,
+    opened: Sequence[Stream],
+    spans: Sequence[Span],
+    window: Span,
 ) -> Opened:
     """Kept in the best world, broken at full depth in the worst, in every open span."""
-    seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
+    try:
+        seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
+        # At worst what was before a gap goes on behind it: nobody is in a zone anew.
+        on = list(judge(replace(watched, gaps=[], max_gap_s=math.inf))) if len(watched) else []
+    except (UndecidedError, MissingSignalError):
+        seen, on, spans = [], [], [window]
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    broken = [_broken_spans(limit) for limit in _limits(seen)]
-    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans, broken)
+    judged = [*_by_limit(on)] or [Judged((), _findings(on))]
+    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans, judged)
     return Opened(worlds, tuple(seen), agree=False, said=said)
+
+
+def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
+    """Each limit that is stated before its findings: when it is broken, and what was found of it."""
+    for limit in _limits(statements):
+        behind = statements[statements.index(limit) + 1 :]
+        own = list(takewhile(lambda one: not isinstance(one, JudgedLimit), behind))
+        yield Judged(_broken_spans(limit), _findings(own))
 
 
 def _broken_spans(limit: JudgedLimit) -> list[Span]:

@@ -361,7 +361,8 @@ def _narrowing(result: Result, style: Style) -> Iterator[str]:
         return
     if len(lines) > _SHOWN:
         yield style(f"  … and {len(lines) - _SHOWN} more; see the result", "dim")
-    for remedy in (bounds_text(result), held_text(result), stand_in_text(result)):
+    bounds = bounds_text(result)
+    for remedy in (bounds, held_text(result) if bounds else "", stand_in_text(result)):
         if remedy:
             yield style(f"  {plain(remedy)}", "dim")
 

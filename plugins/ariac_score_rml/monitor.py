@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -144,7 +145,7 @@ class RmlSpec:
                 max_gap_s=self.max_gap_s,
                 measures=self.measures,
                 t_off_s=self.t_off_s,
-                remembers=self._remembers,
+                back_s=math.inf if self._remembers else 0.0,
             )
 
     @property

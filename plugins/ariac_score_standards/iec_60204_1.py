@@ -126,6 +126,7 @@ class StopPerformance(SubjectMonitor):
 
     clause = "derived from IEC 60204-1 and ISO 13850, stop functions"
     flags = ("drive_enabled",)
+    only_after = (EMERGENCY_STOP, PROTECTIVE_STOP)
     may_be_critical: ClassVar[bool] = True
     measures: ClassVar[Mapping[str, Measure]] = {
         "stop_time_s": Measure("s", meaning="from the request to standstill"),
@@ -149,11 +150,11 @@ class StopPerformance(SubjectMonitor):
 
     def about(self, signals: Watched) -> Iterator[Finding]:
         """Each of its stops, or that none was requested."""
-        requests = events_about(signals, (EMERGENCY_STOP, PROTECTIVE_STOP))
+        requests = events_about(signals, self.only_after)
         for request in requests:
             yield self._stop(signals, request)
         if not requests:
-            yield nothing_happened(signals, (EMERGENCY_STOP, PROTECTIVE_STOP), self.clause)
+            yield nothing_happened(signals, self.only_after, self.clause)
 
     def _stop(self, watched: Watched, request: Event) -> Finding:
         subject, window = watched.subject.name, watched.trial.window
@@ -193,7 +194,10 @@ class StopPerformance(SubjectMonitor):
         over_time = time_s > self.max_time_s + TOLERANCE_S
         way_left_m = None if self.max_distance_m is None else self.max_distance_m - way_m
         over_way = way_left_m is not None and way_left_m < 0
-        powered = category == 2 and request.kind == EMERGENCY_STOP
+        is_emergency = request.kind == EMERGENCY_STOP
+        powered = category == 2 and is_emergency
+        until_s = reached + self.power_wait_s
+        hidden = _hidden_within(watched, Span(request.t_s, until_s))
         words = [f"{request.kind.replace('_', ' ')} at {request.t_s:.3f} s: stopped in {time_s:.3f} s"]
         words.append(f"on {way_m:.3f} m")
         if over_time:
@@ -202,6 +206,12 @@ class StopPerformance(SubjectMonitor):
             words.append(f"at most {self.max_distance_m:g} m")
         if powered:
             words.append("the drives kept their power (category 2)")
+        if hidden and is_emergency and not (over_time or over_way or powered):
+            words.append(
+                f"whether the drives kept their power, nothing shows from {hidden[0].start_s:.3f} s on"
+            )
+            span = Span(request.t_s, until_s)
+            return Finding.inconclusive(watched.subject.name, ", ".join(words), span=span, clause=self.clause)
         # Of the limit that is broken: a margin above 0 would contradict the verdict. A category has none.
         margin: tuple[float | None, str] = self.max_time_s - time_s, "s"
         if not over_time and (over_way or powered):
@@ -229,11 +239,18 @@ class StopPerformance(SubjectMonitor):
         t, state = watched.t[inside], watched.state("drive_enabled", self.max_flag_age_s)
         if state is None or not len(t) or not state.known[inside].all():
             return None
+        if _hidden_within(watched, Span(request.t_s, until_s)):
+            return None
         off = np.flatnonzero(~state.on[inside])
         # Category 2 is a power that never goes off: the log has to last long enough to say so.
         if not len(off) and t[-1] < until_s - self.max_gap_s:
             return None
         return stop_category(float(t[off[0]]) if len(off) else None, reached)
+
+
+def _hidden_within(watched: Watched, course: Span) -> list[Span]:
+    """Where the log has the flag of the drives, and does not show it."""
+    return [one for spans in watched.unknown.values() for one in spans if one.overlaps(course)]
 
 
 def _words(stop: Event) -> str:
@@ -338,6 +355,11 @@ class EstopRestart(LimitMonitor):
     def wanted(self) -> dict[str, str]:
         """The speed."""
         return {self._speed: "m/s"}
+
+    @property
+    def only_after(self) -> tuple[str, ...]:
+        """What latches."""
+        return self.after
 
     @property
     def reach(self) -> Reach:

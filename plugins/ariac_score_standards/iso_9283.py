@@ -22,7 +22,7 @@ from ariac_score import (
     exact_sum,
     parameter,
 )
-from ariac_score.monitors import Subject, bodies, nobody
+from ariac_score.monitors import Subject, bodies, nobody, shown_within_s
 
 ATTAINED = "pose_attained"
 """Event kind: a body or link (its subject) has attained a commanded pose; the detail may name the pose."""
@@ -205,14 +205,14 @@ class PoseAttained:
                 return Finding.not_applicable(point, "the pose was never attained", clause=self._clause)
             return self._open(trial, point, "the log does not show when the pose was attained")
         signal = trial.signal(f"position/{point}", unit="m")
-        if not signal.covers(times, max_gap_s=self.max_gap_s).all():
+        if not signal.covers(times, max_gap_s=shown_within_s(signal, self.max_gap_s)).all():
             return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
         found = pose_performance(signal.at(times), np.array(self.commanded_m))
         limits = [Limit("accuracy", found.accuracy_m, "m", at_most=self.max_accuracy_m)]
         limits.append(Limit("repeatability", found.repeatability_m, "m", at_most=self.max_repeatability_m))
         if self.commanded_heading_rad is not None:
             heading = trial.signal(f"heading/{point}", unit="rad")
-            if not heading.covers(times, max_gap_s=self.max_gap_s).all():
+            if not heading.covers(times, max_gap_s=shown_within_s(heading, self.max_gap_s)).all():
                 return self._open(trial, point, f"'heading/{point}' is missing where the pose was attained")
             ap, rp = angle_performance(heading.at(times), self.commanded_heading_rad)
             limits.append(Limit("heading accuracy", abs(ap), "rad", at_most=self.max_heading_accuracy_rad))

@@ -32,7 +32,7 @@ from ariac_score_stl.online import FormulaOnline
 from ariac_score_stl.outcome import Outcome
 from ariac_score_stl.signals import Source, Subject, check_name, parse_source, subjects
 from ariac_score_stl.specification import Specification
-from ariac_score_stl.syntax import STEPS, Node, StlError, parse
+from ariac_score_stl.syntax import STEPS, Node, StlError, parse, reach_s
 from ariac_score_stl.units import check_units
 from ariac_score_stl.worlds import is_monotone, predicates_of_world
 
@@ -179,8 +179,6 @@ class StlFormula:
 
     def watch_worlds(self, trial: Trial) -> Iterator[Finding | Worlds]:
         """The same, and for what gaps leave open the findings of the best and of the worst world."""
-        # What looks back may see anything into a gap; of long gaps the findings themselves say how far.
-        remembers = trial.between is not None and trial.between.every
         for outcome in self._outcomes(trial):
             if isinstance(outcome, Finding):
                 yield outcome
@@ -196,7 +194,8 @@ class StlFormula:
                 clause=self.clause,
                 critical=self.critical,
                 judge=partial(self._in_world, outcome) if is_monotone(self.specification) else None,
-                remembers=remembers,
+                ahead_s=reach_s(self.specification.body),
+                back_s=reach_s(self.specification.body, back=True),
             )
             del outcome  # as in `watch`
 
