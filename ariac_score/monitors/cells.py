@@ -107,10 +107,23 @@ class Stream:
         """The stream of a signal of which nothing is open."""
         return cls(signal, np.zeros(len(signal.t) + 1, dtype=bool))
 
-    def edges(self, window: Span) -> FloatArray:
-        """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s."""
+    def edges(self, window: Span, beside: int = 0) -> FloatArray:
+        """Beginnings and ends of the open intervals, as far as they lie in a window, shape (2, k), s.
+
+        Args:
+            window: A competition.
+            beside: With so many intervals before and behind each.
+        """
         edges = np.clip(np.concatenate(([-np.inf], self.t, [np.inf])), window.start_s, window.end_s)
-        return np.stack([edges[:-1][self.open], edges[1:][self.open]])
+        there = self._open_or_beside(beside)
+        return np.stack([edges[:-1][there], edges[1:][there]])
+
+    def _open_or_beside(self, intervals: int) -> BoolArray:
+        found = self.open.copy()
+        for apart in range(1, min(intervals, len(found) - 1) + 1):
+            found[apart:] |= self.open[:-apart]
+            found[:-apart] |= self.open[apart:]
+        return found
 
     def is_open(self, cells: Cells, beside: int = 0) -> BoolArray:
         """Whether each cell lies in an open interval, shape (n,).
@@ -119,19 +132,15 @@ class Stream:
             cells: Of a competition.
             beside: Or within so many intervals of one.
         """
-        found = self.open.copy()
-        for apart in range(1, min(beside, len(found) - 1) + 1):
-            found[apart:] |= self.open[:-apart]
-            found[:-apart] |= self.open[apart:]
-        return np.asarray(found[np.searchsorted(self.t, cells.t, side="right")])
+        return np.asarray(self._open_or_beside(beside)[np.searchsorted(self.t, cells.t, side="right")])
 
     def may_lack(self, cells: Cells) -> BoolArray:
         """Whether a sample may be missing in each cell, shape (n,): it is open and no instant of a sample."""
         return self.is_open(cells) & ~(cells.instants & np.isin(cells.t, self.t))
 
-    def spans(self, window: Span) -> list[Span]:
-        """The open intervals, as far as they lie in a window."""
-        return [Span(float(start), float(end)) for start, end in self.edges(window).T]
+    def spans(self, window: Span, beside: int = 0) -> list[Span]:
+        """The open intervals, and so many beside each, as far as they lie in a window."""
+        return [Span(float(start), float(end)) for start, end in self.edges(window, beside).T]
 
 
 def longest_held_s(usual_s: float, max_gap_s: float) -> float:

@@ -30,6 +30,7 @@ from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
 from ariac_score.trial.sums import exact_sum
+from ariac_score.trial.velocities import HALF_WINDOW_SAMPLES
 from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 
 __all__ = [
@@ -92,6 +93,10 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         if found is not None:
             return found
     spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window))]
+    for signal in signals.values():
+        if isinstance(signal, Computed) and quantity_of(signal.name) in (*SPEEDS, "velocity"):
+            # A speed over several intervals follows from places in those beside it.
+            spans += [s for one in unseen.streams(signal) for s in one.spans(window, HALF_WINDOW_SAMPLES)]
     opened += [Stream.never_open(trial.signals[name]) for name in watched.unknown]
     hidden = merged(spans, within_s=TOLERANCE_S)
     return _blunt(watched, judge, monitor, opened, hidden, window) if spans else None
@@ -106,8 +111,12 @@ def _blunt(
     window: Span,
 ) -> Opened:
     """Kept in the best world, broken at full depth in the worst, in every open span."""
+    unknown = [span.duration_s for spans_of in watched.unknown.values() for span in spans_of]
+    held = [stream.held_s for stream in opened if stream.open.any()]
+    shortest_s = min([watched.max_gap_s, *held, *unknown])
     try:
-        seen = list(judge(replace(watched, gaps=[]))) if len(watched) else []
+        # At best nothing goes on behind a gap of a stream, however short.
+        seen = list(judge(replace(watched, gaps=[], max_gap_s=shortest_s))) if len(watched) else []
         # At worst what was before a gap goes on behind it: nobody is in a zone anew.
         on = list(judge(replace(watched, gaps=[], max_gap_s=math.inf))) if len(watched) else []
     except (UndecidedError, MissingSignalError):

@@ -227,7 +227,7 @@ class PflSpeed(LimitMonitor):
         distance = signals[APART]
         if self._at_contact:
             speed, touching = signals[_RELATIVE], distance <= 0
-            first = first_of_runs(signals.t, touching, self.max_gap_s)
+            first = first_of_runs(signals.t, touching, signals.max_gap_s)
             where = touching & (first == np.arange(len(first)))  # the sample that a contact begins with
         else:
             speed = signals[TOWARDS_HUMAN] + signals[TOWARDS_ROBOT]

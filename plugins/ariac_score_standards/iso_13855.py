@@ -277,12 +277,21 @@ class SafeguardDistance(LimitMonitor):
             clause=self.clause,
         )
 
-    def past_line(self, t: FloatArray, position_m: FloatArray) -> tuple[BoolArray, FloatArray]:
-        """Whether a human is past the line, and since when; positions of shape (n, 2 or 3)."""
+    def past_line(
+        self, t: FloatArray, position_m: FloatArray, max_gap_s: float | None = None
+    ) -> tuple[BoolArray, FloatArray]:
+        """Whether a human is past the line, and since when.
+
+        Args:
+            t: Sample times, shape (n,), s.
+            position_m: Shape (n, 2 or 3), m.
+            max_gap_s: What was before a longer gap is not known, s; `None`: as the monitor accepts.
+        """
+        longest_s = self.max_gap_s if max_gap_s is None else max_gap_s
         side, share = self._relative_to_line(position_m)
         beyond = side >= 0
         unseen = np.ones(len(t), dtype=bool)
-        unseen[1:] = np.diff(t) > self.max_gap_s + TOLERANCE_S
+        unseen[1:] = np.diff(t) > longest_s + TOLERANCE_S
         # Who is behind the line where the log or a stretch of it begins has crossed it at some time before.
         # When is not known; the latest it can be is now, so that what is missing violates nothing.
         entered = unseen & (share >= 0) & (share <= 1)
@@ -293,7 +302,7 @@ class SafeguardDistance(LimitMonitor):
         through = (where >= 0) & (where <= 1)
         entered[cross[through] + 1] = True
         when[cross + 1] = t[cross] + part * (t[cross + 1] - t[cross])
-        first = first_of_runs(t, beyond, self.max_gap_s)
+        first = first_of_runs(t, beyond, longest_s)
         past: BoolArray = beyond & entered[first]
         return past, when[first]
 
@@ -314,7 +323,7 @@ class SafeguardDistance(LimitMonitor):
     def margin(self, signals: Watched) -> Bound:
         """Standstill - speed of the robot behind whom somebody is past the line, m/s."""
         position = signals["position/{human}"]
-        past, since = self.past_line(signals.t, position)
+        past, since = self.past_line(signals.t, position, signals.max_gap_s)
         late = signals.t - since >= self.stopping_time_s - TOLERANCE_S
         near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
         return self.at_most(signals["speed/{robot}"], self.standstill_speed_m_s, where=past & (late | near))

@@ -246,7 +246,7 @@ class AgvProtectiveField(LimitMonitor):
         way = self.way_left_m(places[0], velocity, places[1], signals.radius_m("human"))
         needed = self.stopping_distance_m(speed)
         entered = (way < needed) & (speed > self.standstill_speed_m_s)
-        first = first_of_runs(signals.t, entered, self.max_gap_s)
+        first = first_of_runs(signals.t, entered, signals.max_gap_s)
         braking = speed < speed[first] - self.slowing_m_s
         # A person may step in too near for any truck: what counts is that it brakes after its reaction time.
         ignored = entered & (signals.t - signals.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking

@@ -89,16 +89,22 @@ class MonitoredStandstill(LimitMonitor):
         """The workspace, where it is not given."""
         return "" if self.workspace else "no workspace is given, so nobody can be inside"
 
-    def held(self, t: FloatArray, within: BoolArray) -> BoolArray:
-        """Whether the robot must be at rest: a person inside, and the grace over."""
-        first = first_of_runs(t, within, self.max_gap_s)
+    def held(self, t: FloatArray, within: BoolArray, max_gap_s: float | None = None) -> BoolArray:
+        """Whether the robot must be at rest: a person inside, and the grace over.
+
+        Args:
+            t: Sample times, shape (n,), s.
+            within: Whether a person is inside, shape (n,).
+            max_gap_s: Behind a longer gap the person is inside anew, s; `None`: as the monitor accepts.
+        """
+        first = first_of_runs(t, within, self.max_gap_s if max_gap_s is None else max_gap_s)
         over: BoolArray = within & (t - t[first] >= self.grace_s - TOLERANCE_S)
         return over
 
     def about(self, signals: Watched) -> Iterator[Statement]:
         """Each movement, or that there was none; then what joints and drift add."""
         within = inside(signals["position/{human}"], self.workspace)
-        standing = _Standing(self, signals, within, self.held(signals.t, within))
+        standing = _Standing(self, signals, within, self.held(signals.t, within, signals.max_gap_s))
         hidden = standing.hidden(self.clause)
         speed = self.findings(signals, standing.speed(), severity=standing.severity, labels=standing.labels)
         yield from violations_only(speed) if hidden else speed
