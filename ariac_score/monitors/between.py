@@ -10,7 +10,7 @@ import numpy as np
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.measures import Measure
 from ariac_score.checks.open_findings import Worlds
-from ariac_score.monitors.blunt import blunt_worlds
+from ariac_score.monitors.blunt import Judged, blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.pauses import joined_where_one, split_by_pauses
@@ -54,6 +54,7 @@ def worlds_between(
     max_gap_s: float,
     measures: Mapping[str, Measure],
     t_off_s: float = 0.0,
+    t_on_s: float = 0.0,
     clause: str = "",
     critical: bool = False,
     judge: JudgeWorld | None = None,
@@ -73,6 +74,7 @@ def worlds_between(
         max_gap_s: Longest stretch without a sample that it accepts, s.
         measures: The quantities of its findings.
         t_off_s: Pauses shorter than this are bridged, s.
+        t_on_s: Shortest violation that counts, s: so long beside a gap one may be that does not count alone.
         clause: Where it is asked for.
         critical: Whether a violation is a critical event.
         judge: Its findings in one world; `None`: nothing bounds what may have been in a gap.
@@ -106,11 +108,16 @@ def worlds_between(
         monitor = Worsening({}, measures, t_off_s, clause, critical=critical)
         spans = _spans(signals, opened, window, max_gap_s)
         reached = [
-            Span(max(window.start_s, one.start_s - ahead_s), min(window.end_s, one.end_s + back_s))
+            Span(
+                max(window.start_s, one.start_s - ahead_s - t_on_s),
+                min(window.end_s, one.end_s + back_s + t_on_s),
+            )
             for one in spans
         ]
         if reached:
-            yield blunt_worlds(subject, seen, monitor, opened, merged(reached, within_s=TOLERANCE_S))
+            judged = [Judged((), seen)]
+            hidden = merged(reached, within_s=TOLERANCE_S)
+            yield blunt_worlds(subject, monitor, judged, judged, opened, hidden)
 
 
 def _filled(

@@ -46,36 +46,33 @@ class Judged:
 
 def blunt_worlds(
     subject: str,
-    seen: Sequence[Finding],
     monitor: Worsening,
+    best: Sequence[Judged],
+    worst: Sequence[Judged],
     opened: Sequence[Stream],
     spans: Sequence[Span],
-    judged: Sequence[Judged] = (),
 ) -> Worlds:
     """Both worlds where nothing says what can have been in some spans.
 
     Args:
         subject: Whom they are about.
-        seen: What the samples show.
         monitor: What it measures.
+        best: What the samples show, by limit, where nothing that goes on is known to go on behind a gap.
+        worst: The same where it goes on.
         opened: The streams that lack samples.
         spans: Where they do; at least one.
-        judged: Each of its limits; empty: it has none, and `seen` is of the worst world as well.
     """
-    decided = [one for one in seen if one.verdict is not Verdict.INCONCLUSIVE]
-    judged = judged or [Judged((), seen)]
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
     undecided = [
-        one.span
-        for one in (*seen, *(finding for limit in judged for finding in limit.findings))
-        if one.verdict is Verdict.INCONCLUSIVE and one.span is not None
+        finding.span
+        for limit in (*best, *worst)
+        for finding in limit.findings
+        if finding.verdict is Verdict.INCONCLUSIVE and finding.span is not None
     ]
     hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
-    worst = _most(subject, hidden, monitor, judged)
-    if not all(limit.is_told for limit in judged):  # what a gap hides of its course may have made it none
-        decided = [one for one in decided if not _touches(one, hidden)]
-    kept = _fewest(decided, hidden, monitor) or [_kept(subject, monitor)]
-    return Worlds(subject, tuple(kept), tuple(worst), causes_of_spans(opened, spans))
+    kept = [one for limit in best for one in _fewest(limit, hidden, monitor)] or [_kept(subject, monitor)]
+    most = _most(subject, hidden, monitor, worst)
+    return Worlds(subject, tuple(kept), tuple(most), causes_of_spans(opened, spans))
 
 
 def _touches(finding: Finding, hidden: Sequence[Span]) -> bool:
@@ -85,9 +82,12 @@ def _touches(finding: Finding, hidden: Sequence[Span]) -> bool:
     )
 
 
-def _fewest(findings: Sequence[Finding], hidden: Sequence[Span], monitor: Worsening) -> list[Finding]:
+def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[Finding]:
     """What was found, without what is hidden of it; violations that no pause need part are one."""
-    shown = [_shown_of(one, hidden) for one in findings]
+    decided = [one for one in limit.findings if one.verdict is not Verdict.INCONCLUSIVE]
+    if not limit.is_told:  # what a gap hides of its course may have made it none
+        decided = [one for one in decided if not _touches(one, hidden)]
+    shown = [_shown_of(one, hidden, limit.broken) for one in decided]
     found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
     known = [one.span for one in violations_of(found) if one.span]
     for whole in merged([*hidden, *known], within_s=_near_s(monitor)):
@@ -108,18 +108,24 @@ def _near_s(monitor: Worsening) -> float:
     return max(monitor.t_off_s - TOLERANCE_S, TOLERANCE_S)
 
 
-def _shown_of(violation: Finding, hidden: Sequence[Span]) -> Finding:
+def _shown_of(violation: Finding, hidden: Sequence[Span], broken: Sequence[Span]) -> Finding:
     """A violation without what is hidden of it: a sample shows its own instant."""
     whole = violation.span
+    if violation.verdict is not Verdict.VIOLATED or whole is None:
+        return violation
     parts = [
         Span(max(span.start_s, whole.start_s), min(span.end_s, whole.end_s))
         for span in hidden
-        if whole and span.start_s < whole.end_s and span.end_s > whole.start_s
+        if span.start_s < whole.end_s and span.end_s > whole.start_s
     ]
-    if not parts or violation.verdict is not Verdict.VIOLATED:
+    if not parts:
         return violation
-    hidden_s = exact_sum(one.duration_s for one in parts)
     quantities = dict(violation.quantities)
+    own = [one for one in broken if whole.overlaps(one)]
+    lasts_s = quantities.get("time_in_violation_s", 0.0)
+    hidden_s = _measure(parts)
+    if own:
+        hidden_s = lasts_s - _measure(left for one in own for left in without(one, parts))
     for most, over_time in (("", "time_in_violation_s"), *DEPTHS):
         if over_time in quantities:
             at_most = quantities.get(most, 1.0)

@@ -50,9 +50,11 @@ def causes_of_spans(opened: Sequence[Stream], spans: Sequence[Span]) -> tuple[Ca
     """Why the same spans are open of all streams."""
     places = dict(sorted((_source(stream.signal), _place(stream.signal)) for stream in opened))
     source = next(iter(places)) if len(places) == 1 else ""
-    return (
-        Cause(f"{gaps_in_words(spans)} {' and '.join(places.values())}", source, tuple(spans[:MOST_SPANS])),
-    )
+    whole = Span(spans[0].start_s, spans[-1].end_s)
+    # Where each interval is open they are one stretch, and no gap: nothing lacks.
+    each = sorted({one for stream in opened if not stream.held_s for one in stream.spans(whole)})
+    words = gaps_in_words(each if len(each) > len(spans) else spans)
+    return (Cause(f"{words} {' and '.join(places.values())}", source, tuple(spans[:MOST_SPANS])),)
 
 
 def _source(signal: Signal) -> str:

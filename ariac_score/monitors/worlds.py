@@ -122,8 +122,8 @@ def _blunt(
     except (UndecidedError, MissingSignalError):
         seen, on, spans = [], [], [window]
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    judged = [*_by_limit(on)] or [Judged((), _findings(on))]
-    worlds = blunt_worlds(watched.subject.name, _findings(seen), monitor, opened, spans, judged)
+    best, worst = ([*_by_limit(one)] or [Judged((), _findings(one))] for one in (seen, on))
+    worlds = blunt_worlds(watched.subject.name, monitor, best, worst, opened, spans)
     return Opened(worlds, tuple(seen), agree=False, said=said)
 
 

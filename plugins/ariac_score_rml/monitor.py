@@ -145,6 +145,7 @@ class RmlSpec:
                 max_gap_s=self.max_gap_s,
                 measures=self.measures,
                 t_off_s=self.t_off_s,
+                t_on_s=self.t_on_s,
                 back_s=math.inf if self._remembers else 0.0,
             )
 

@@ -205,32 +205,39 @@ class PflContact(LimitMonitor):
         touching = watched[_FORCE] > self.contact_on_n
         for span, rows in rows_of_episodes(watched, touching, t_off_s=self.t_off_s):
             try:
-                limits, known = self._limits(watched, rows)
+                limits, known, hardest = self._limits(watched, rows)
             except ValueError as unknown:
                 found.append(_Contact(span, rows, None, unknown=str(unknown)))
                 continue
-            pressed = self._pressed(watched, rows, limits)
-            found.append(_Contact(span, rows, pressed, known=known))
+            clamped, may_be = self._clamped(watched, rows, limits)
+            pressed = self._pressed(watched, rows, limits, clamped)
+            hidden = may_be & ~clamped | (hardest is not limits)
+            at_worst = self._pressed(watched, rows, hardest, clamped | may_be) if hidden.any() else None
+            found.append(_Contact(span, rows, pressed, known=known, at_worst=at_worst))
         return found
 
-    def _limits(self, watched: Watched, rows: Rows) -> tuple[BodyLimits, bool]:
-        """The limits of a contact, and whether its region is known."""
+    def _limits(self, watched: Watched, rows: Rows) -> tuple[BodyLimits, bool, BodyLimits]:
+        """The limits of a contact, whether its region is known, and the limits that it may have had."""
         if self.region:
-            return body_limits(self.region), True
+            limits = body_limits(self.region)
+            return limits, True, limits
         # The event may be stamped before the force passes its threshold.
         start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
         events = _contact_events(watched.trial, watched.subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
         if named:  # of several, the weakest: which force met which region is not recorded
-            return min((body_limits(name) for name in named), key=lambda limits: limits.force_n), True
+            limits = min((body_limits(name) for name in named), key=lambda limits: limits.force_n)
+            return limits, True, limits
         heights = watched.get(_HEIGHT)
-        if heights is None or not np.isfinite(heights[rows]).all():
-            return body_limits(UNKNOWN_REGION), False
-        return min((limits_at(float(h)) for h in heights[rows]), key=lambda limits: limits.force_n), False
+        shown = np.zeros(0) if heights is None else heights[rows][np.isfinite(heights[rows])]
+        unknown = body_limits(UNKNOWN_REGION)
+        if not len(shown):
+            return unknown, False, unknown
+        limits = min((limits_at(float(h)) for h in shown), key=lambda limits: limits.force_n)
+        return limits, False, limits if len(shown) == len(rows) else unknown
 
-    def _pressed(self, watched: Watched, rows: Rows, limits: BodyLimits) -> _Pressed:
+    def _pressed(self, watched: Watched, rows: Rows, limits: BodyLimits, clamped: BoolArray) -> _Pressed:
         """Force and pressure of a contact against their limits."""
-        clamped = self._clamped(watched, rows, limits)
         transient = self.transient(watched.t[rows] - watched.t[rows[0]], clamped)
         force, pressure = watched[_FORCE][rows], _pressure(watched, rows)
         of_force = force / self.limit_n(limits, transient)
@@ -252,6 +259,9 @@ class PflContact(LimitMonitor):
         where = limits.region.title.lower() if contact.known else f"a region unknown, taken for {limits.name}"
         phase = "transient" if pressed.transient[worst] else "quasi-static"
         message = f"contact with {where}: {pressed.force_n[worst]:.1f} N, {ratio:.3f} of the {phase} limit"
+        if contact.at_worst is not None and contact.at_worst.ratio.max() > 1.0 and not violated:
+            message += "; whether somebody was clamped, or where, is recorded, but not at every moment of it"
+            return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         if pressed.hidden.any() and not violated:
             hidden_s = float(watched.t[rows[np.argmax(pressed.hidden)]])
             message += f"; the pressure is recorded, but not at {hidden_s:.3f} s"
@@ -271,16 +281,22 @@ class PflContact(LimitMonitor):
             critical=violated,
         )
 
-    def _clamped(self, watched: Watched, rows: Rows, limits: BodyLimits) -> BoolArray:
-        """Where the body part cannot get away: by the parameter, the log's flag, or the gap it is in."""
+    def _clamped(self, watched: Watched, rows: Rows, limits: BodyLimits) -> tuple[BoolArray, BoolArray]:
+        """Where the body part cannot get away: by the parameter, the log's flag, or the gap it is in.
+
+        Then where it may be so, because the log has the flag or the gap, and does not show it there.
+        """
         clamped: BoolArray = np.full(len(rows), self.clamped)
-        held = watched.state("clamped", watched.max_gap_s)
+        may_be = np.zeros(len(rows), dtype=bool)
+        held = watched.state("clamped", self.max_gap_s)
         if held is not None:
             clamped |= held.on[rows]
+            may_be |= ~held.known[rows]
         gap = watched.get(_GAP_CLOSING)
         if gap is not None:
             clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
-        return clamped
+            may_be |= np.isnan(gap[rows])
+        return clamped, may_be
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,6 +309,8 @@ class _Contact:
         pressed: The contact against its limits; `None`: they are not known.
         known: Whether the region is known.
         unknown: Why there are no limits.
+        at_worst: The same with what the log has and does not show then as bad as it may have been; `None`: it
+            shows all.
     """
 
     span: Span
@@ -300,6 +318,7 @@ class _Contact:
     pressed: _Pressed | None
     known: bool = False
     unknown: str = ""
+    at_worst: _Pressed | None = None
 
 
 @dataclass(frozen=True, eq=False)

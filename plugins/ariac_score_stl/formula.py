@@ -191,6 +191,7 @@ class StlFormula:
                 max_gap_s=self.max_gap_s,
                 measures=self.measures,
                 t_off_s=self.t_off_s,
+                t_on_s=self.t_on_s,
                 clause=self.clause,
                 critical=self.critical,
                 judge=partial(self._in_world, outcome) if is_monotone(self.specification) else None,

@@ -70,10 +70,10 @@ def test_the_page_says_both_ends_which_counts_and_what_would_narrow_them(closed:
     words = seen(page)
 
     assert (
-        f"The score lies between 19.76 and 28; the lower end counts (open because of {GAPS} and two other"
+        f"The score lies between 19.761677 and 28; the lower end counts (open because of {GAPS} and two other"
         in words
     )
-    assert "open: 19.76 to 28 , the lower end counts" in words
+    assert "open: 19.761677 to 28 , the lower end counts" in words
     # 19.761677 and 28 of a scale from 0 to the 36 that were possible.
     left, width = re.search(r'<span class="open" style="left:([\d.]+)%;width:([\d.]+)%"', page).groups()  # type: ignore[union-attr]
     assert float(left) == pytest.approx(100 * 19.761677 / 36, abs=1e-3)
@@ -103,7 +103,7 @@ def test_a_withheld_score_shows_its_ends_instead_of_a_number(closed: Result) -> 
     result = opened(closed, "withhold")
     page = trial_page(result, as_json(result))
 
-    assert "19.76 to 28 points; withheld until what is open is decided" in seen(page)
+    assert "19.761677 to 28 points; withheld until what is open is decided" in seen(page)
 
 
 def test_what_samples_alone_would_decide_is_told_as_that(closed: Result) -> None:
