@@ -260,7 +260,7 @@ def _deepest(parts: Sequence[Span], seen: Sequence[Finding]) -> DepthProfile:
     profiles = [profile_of(one) for one in seen]
     ends = {t for one in parts for t in (one.start_s, one.end_s)}
     ends |= {t for one in profiles for t in one.t_s}
-    t_s = tuple(sorted(ends))
+    t_s = tuple(sorted(ends)) if len(ends) > 1 else (*ends, *ends)  # a competition of one instant
     depth = [
         1.0
         if any(part.start_s <= t < part.end_s for part in parts)

@@ -362,6 +362,14 @@ def test_a_missing_signal_or_end_leaves_the_whole_competition_open(subtests: pyt
             assert worlds.worst[0].critical
 
 
+def test_a_recording_of_one_sample_without_an_end_has_what_it_shows() -> None:
+    findings, (worlds,) = found(NEARER_THAN_1_M, trial({1.0: 0.5}, ended=False))
+
+    assert [one.verdict for one in findings] == [Verdict.INCONCLUSIVE, Verdict.VIOLATED]
+    assert [one.verdict for one in worlds.worst] == [Verdict.VIOLATED]
+    assert of_gap(worlds.worst, "time_in_violation_s") == 0.0
+
+
 def test_places_bound_a_distance_that_follows_from_them() -> None:
     """G17: a human who walks past in a straight line at her greatest speed was never nearer than 1 m."""
     t = np.array([0.0, 2.0])
