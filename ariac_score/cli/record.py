@@ -50,7 +50,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     parser.add_argument(
         "--mode", default="", help="how the simulator runs, such as competition or development"
     )
-    parser.add_argument("--ros", default="", choices=("", *_RELEASES), help="ROS 1, or a release of ROS 2")
+    parser.add_argument("--ros", default="", choices=_RELEASES, help="ROS 1, or a release of ROS 2")
     parser.add_argument("--trial", default="", metavar="NAME", help="name of the trial, for the manifest")
     parser.add_argument("--team", default="", metavar="NAME", help="name of the team, for the manifest")
     parser.add_argument(
@@ -205,11 +205,11 @@ def _lines(
         yield f"# {note}"
     for topic, why in sorted(recording.left_out.items()):
         yield f"# left out: {topic}: {why}"
-    yield shlex.join(bag)
     files = "its plan" if recording.ros == "1" else "its plan, and the profiles that the bag asks for"
-    yield "# beside it, our recorder: submissions, events, a signed manifest" + (
-        "" if is_planned else f"; add -o NAME to write {files}"
-    )
+    if not is_planned:
+        yield f"# say -o NAME first: it writes {files}, which these commands read"
+    yield shlex.join(bag)
+    yield "# beside it, our recorder: submissions, events, a signed manifest"
     yield shlex.join(recorder)
     # Its manifest is the last message, and a bag that lacks it attests nothing.
     yield "# stop the bag after the recorder has said 'closed', not before; --run does both"

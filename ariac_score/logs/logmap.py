@@ -326,7 +326,8 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
             "a channel must map signals, poses, an event, facts or a decoder, or witness something",
             file=document.file,
             place=document.place(["channels", index]),
-            hint="add 'signals:', 'poses:', 'event:', 'facts:', 'decoder:' or 'witnesses:'",
+            hint="add 'signals:', 'poses:', 'event:', 'facts:', 'decoder:' or 'witnesses:'; a rate alone is "
+            "for a topic of the log map that this one extends, named as it is there",
         )
     for key, cause, hint in _contradictions(data):
         place = document.place(["channels", index, key])

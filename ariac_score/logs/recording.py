@@ -108,7 +108,7 @@ def load_recording(
         registry: What is installed, where the caller has it already.
 
     Raises:
-        UsageError: The mode does not exist, or nothing says which ROS it is.
+        UsageError: The mode does not exist, nothing says which ROS it is, or it is another than is asked for.
         DataFileError: The competition's data are malformed.
     """
     registry = registry or Registry()
@@ -121,7 +121,11 @@ def load_recording(
         raise UsageError(f"there is no mode {mode!r} of the simulator", hint=hint)
     mode = mode or next(iter(modes), "")
     about = modes.get(mode, {})
-    ros = ros or data.get("ros", "")
+    stated = data.get("ros", "")
+    if ros and stated and (ros == "1") is not (stated == "1"):
+        own = "ROS 1" if stated == "1" else f"ROS 2 ({stated})"
+        raise UsageError(f"the simulator of this competition is of {own}", hint=f"leave out --ros {ros}")
+    ros = ros or stated
     if not ros:
         known = ", ".join(recording_names(registry))
         hint = f"say --ros 1 or the release of ROS 2, such as --ros jazzy; known without it: {known}"

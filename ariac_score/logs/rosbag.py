@@ -163,6 +163,12 @@ class RecordingIntake:
         path, statistics, collector = self._file, self.statistics, self.collector
         first_ns, last_ns = statistics.first_ns, statistics.last_ns
         if first_ns is None or last_ns is None:
+            if cut is not None:
+                raise NothingToScoreError(
+                    "the recording breaks off before its first message",
+                    file=path,
+                    hint="copy it again from where it was recorded",
+                )
             raise NothingToScoreError(
                 "the recording holds no message",
                 file=path,

@@ -115,9 +115,8 @@ def worlds_between(
             for one in spans
         ]
         if reached:
-            judged = [Judged((), seen)]
             hidden = merged(reached, within_s=TOLERANCE_S)
-            yield blunt_worlds(subject, monitor, judged, judged, opened, hidden)
+            yield blunt_worlds(subject, monitor, [[Judged((), seen)]], opened, hidden)
 
 
 def _filled(

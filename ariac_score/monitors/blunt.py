@@ -47,8 +47,7 @@ class Judged:
 def blunt_worlds(
     subject: str,
     monitor: Worsening,
-    best: Sequence[Judged],
-    worst: Sequence[Judged],
+    readings: Sequence[Sequence[Judged]],
     opened: Sequence[Stream],
     spans: Sequence[Span],
 ) -> Worlds:
@@ -57,22 +56,51 @@ def blunt_worlds(
     Args:
         subject: Whom they are about.
         monitor: What it measures.
-        best: What the samples show, by limit, where nothing that goes on is known to go on behind a gap.
-        worst: The same where it goes on.
+        readings: What the samples show, by limit, in each way in which they may be read: that what was before
+            a gap goes on behind it, or that it does not.
         opened: The streams that lack samples.
         spans: Where they do; at least one.
     """
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
     undecided = [
         finding.span
-        for limit in (*best, *worst)
+        for limits in readings
+        for limit in limits
         for finding in limit.findings
         if finding.verdict is Verdict.INCONCLUSIVE and finding.span is not None
     ]
     hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
-    kept = [one for limit in best for one in _fewest(limit, hidden, monitor)] or [_kept(subject, monitor)]
-    most = _most(subject, hidden, monitor, worst)
-    return Worlds(subject, tuple(kept), tuple(most), causes_of_spans(opened, spans))
+    least = [
+        [one for limit in limits for one in _fewest(limit, hidden, monitor)] or [_kept(subject, monitor)]
+        for limits in readings
+    ]
+    most = [_most(subject, hidden, monitor, limits) for limits in readings]
+    best, worst = _least_of(least), _most_of(most)
+    return Worlds(subject, tuple(best), tuple(worst), causes_of_spans(opened, spans))
+
+
+def _lasting(findings: Sequence[Finding]) -> float:
+    """How long violations last, s."""
+    return exact_sum(one.quantities.get("time_in_violation_s", 0.0) for one in violations_of(findings))
+
+
+def _least_of(readings: Sequence[list[Finding]]) -> list[Finding]:
+    """The violations that last the shortest, and no more of them than in any other reading."""
+    number = min(len(violations_of(one)) for one in readings)
+    shortest = min(readings, key=lambda one: (_lasting(one), len(violations_of(one))))
+    rest = violations_of(shortest)[max(number, 1) - 1 :]
+    if len(rest) < 2:
+        return shortest
+    return [*(one for one in shortest if one not in rest), together(rest)]
+
+
+def _most_of(readings: Sequence[list[Finding]]) -> list[Finding]:
+    """The violations that last the longest, and no fewer of them than in any other reading."""
+    number = max(len(violations_of(one)) for one in readings)
+    longest = max(readings, key=lambda one: (_lasting(one), len(violations_of(one))))
+    own = violations_of(longest)
+    further = [touch(one, one.span.start_s) for one in own[:1] if one.span for _ in range(number - len(own))]
+    return [*longest, *further]
 
 
 def _touches(finding: Finding, hidden: Sequence[Span]) -> bool:
@@ -179,7 +207,7 @@ def _all_of(
     brief = [one for one in shown if not any(one.overlaps(span) for span in counted)]
     full = merged([*parts, *brief])
     # Of what takes its course, several that overlap last longer than the time in which one of them did.
-    lasts_s = max(_measure([*parts, *shown]), _lasting(inside, parts))
+    lasts_s = max(_measure([*parts, *shown]), _one_over_another(inside, parts))
     deep_s = [_measure(full), *(one.quantities.get("relative_depth_integral_s", lasts_s) for one in inside)]
     known = {
         "time_in_violation_s": lasts_s,
@@ -226,7 +254,7 @@ def _after_pauses(span: Span, parts: Sequence[Span], pause_s: float) -> list[flo
     return found
 
 
-def _lasting(violations: Sequence[Finding], parts: Sequence[Span]) -> float:
+def _one_over_another(violations: Sequence[Finding], parts: Sequence[Span]) -> float:
     """How long violations that overlap each other last, and what is hidden besides, s; 0 of others."""
     spans = [one.span for one in violations if one.span]
     if len(one_by_one(violations)) == len(violations):

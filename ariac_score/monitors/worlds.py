@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -114,24 +114,30 @@ def _blunt(
     unknown = [span.duration_s for spans_of in watched.unknown.values() for span in spans_of]
     held = [stream.held_s for stream in opened if stream.open.any()]
     shortest_s = min([watched.max_gap_s, *held, *unknown])
-    try:
-        # At best nothing goes on behind a gap of a stream, however short.
-        seen = list(judge(replace(watched, gaps=[], max_gap_s=shortest_s))) if len(watched) else []
-        # At worst what was before a gap goes on behind it: nobody is in a zone anew.
-        on = list(judge(replace(watched, gaps=[], max_gap_s=math.inf))) if len(watched) else []
-    except (UndecidedError, MissingSignalError):
-        seen, on, spans = [], [], [window]
+    readings, seen = [], list[Statement]()
+    # Whether what was before a gap goes on behind it may be for better or worse: a grace that has begun
+    # before, or a contact that is none of its own.
+    for longest_s in (math.inf, shortest_s):
+        try:
+            read = replace(watched, gaps=[], max_gap_s=longest_s)
+            seen = list(judge(read)) if len(watched) else []
+        except (UndecidedError, MissingSignalError):
+            seen, spans = [], [window]
+        readings.append(list(_by_limit(seen)))
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    best, worst = ([*_by_limit(one)] or [Judged((), _findings(one))] for one in (seen, on))
-    worlds = blunt_worlds(watched.subject.name, monitor, best, worst, opened, spans)
+    worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans)
     return Opened(worlds, tuple(seen), agree=False, said=said)
 
 
 def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
-    """Each limit that is stated before its findings: when it is broken, and what was found of it."""
-    for limit in _limits(statements):
-        behind = statements[statements.index(limit) + 1 :]
-        own = list(takewhile(lambda one: not isinstance(one, JudgedLimit), behind))
+    """Each limit, when it is broken, and what was found of it, which is stated behind it."""
+    rows = [row for row, one in enumerate(statements) if isinstance(one, JudgedLimit)]
+    if not rows:
+        yield Judged((), _findings(statements))
+    for first, behind in pairwise([*rows, len(statements)]):
+        limit = statements[first]
+        assert isinstance(limit, JudgedLimit)
+        own = statements[0 if first == rows[0] else first : behind]
         yield Judged(_broken_spans(limit), _findings(own))
 
 

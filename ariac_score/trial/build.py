@@ -307,8 +307,14 @@ def _not_in(recorded: Iterable[str], due: Mapping[str, Due]) -> dict[str, Due]:
 
 def _joined(known: Body | None, body: Body, file: object) -> Body:
     """A body with its new and its known links."""
-    if known is not None and (known.kind, known.radius_m) != (body.kind, body.radius_m):
-        raise LogError(f"body {body.id!r} is described twice, differently", file=file)
+    if known is not None and known.kind != body.kind:
+        raise LogError(
+            f"body {body.id!r} is both of kind {known.kind!r} and of kind {body.kind!r}",
+            file=file,
+            hint="look at 'kind:' in the log map, and in the one that it extends",
+        )
+    if known is not None and known.radius_m != body.radius_m:
+        raise LogError(f"body {body.id!r} is described twice, with different radii", file=file)
     return replace(body, links=tuple(sorted({*(known.links if known else ()), *body.links})))
 
 

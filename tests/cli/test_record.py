@@ -152,6 +152,12 @@ def test_a_log_map_of_ones_own_adds_its_topics(tmp_path: Path, capsys: Capture) 
     assert {"/lab/person", "/snapshot"} <= set(line)
 
 
+def test_a_simulator_of_the_one_ros_is_not_recorded_with_the_other(capsys: Capture) -> None:
+    assert "is of ROS 2 (iron)" in said(capsys, "--rules", "ariac2024.safe", "--ros", "1", code=4)
+    assert "is of ROS 1" in said(capsys, "--rules", "paper2020", "--ros", "jazzy", code=4)
+    assert "rosbag record" in said(capsys, "--rules", "paper2020", "--ros", "1")
+
+
 def test_what_cannot_be_recorded_is_refused(tmp_path: Path, capsys: Capture) -> None:
     refused = said(capsys, "--rules", "paper2020.published", "--mode", "dvelopment", code=4)
     assert "did you mean 'development'" in refused

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -266,6 +267,35 @@ def test_people_who_are_chosen_take_the_place_of_those_of_the_extended_log_map(t
     assert yaml.safe_load(drafted.text)["bodies"] == {"human": None}
     trial = open_trial(drafted.log, log_map=drafted.file)
     assert sorted(body.id for body in trial.bodies_of("human")) == ["ann", "bob"]
+
+
+@pytest.mark.parametrize(("role", "other"), [("human", "robot"), ("robot", "human")])
+def test_none_is_an_answer_that_leaves_out_those_of_the_extended_log_map(
+    role: str, other: str, tmp_path: Path
+) -> None:
+    drafted = Drafted(
+        tmp_path, recorded_messages(kitting_trial()), "--extends", "ariac2020", f"--{role}", "none"
+    )
+
+    assert drafted.code == 0
+    assert f"# {role}: none, as you say" in drafted.text
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert [one.id for one in trial.bodies_of(role)] == []
+    assert [one.id for one in trial.bodies_of(other)] == [other]
+
+
+def test_whoever_is_named_by_a_topic_takes_the_place_of_the_frame_of_the_extended_log_map(
+    tmp_path: Path,
+) -> None:
+    given = recorded_messages(kitting_trial())
+    first_ns = min(one.t_ns for one in given)
+    walked = [replace(one, t_ns=one.t_ns - ORIGIN_NS + first_ns) for one in poses("/lab/pose", walking)]
+    drafted = Drafted(tmp_path, [*given, *walked], "--extends", "ariac2020", "--human", "/lab/pose")
+
+    assert drafted.code == 0
+    trial = open_trial(drafted.log, log_map=drafted.file)
+    assert [one.id for one in trial.bodies_of("human")] == ["lab_pose"]
+    assert [one.id for one in trial.bodies_of("robot")] == ["robot"]
 
 
 def test_whom_the_extended_log_map_reads_in_the_recording_stays(tmp_path: Path) -> None:

@@ -275,7 +275,7 @@ def draft_log_map(
     left_out = ", ".join(writing.replaced)
     if left_out:
         drafting.decided.append(
-            f"without {left_out} of the extended log map: not in this recording, or another body here"
+            f"without {left_out} of the extended log map: not in this recording, another body here, or none"
         )
     return Draft(writing.text, anywhere.text, tuple(drafting.open), tuple(drafting.decided))
 
@@ -397,6 +397,9 @@ def _choices(drafting: _Drafting, candidates: Sequence[Candidate], base: _Base |
     for role in ROLES:
         said = drafting.given.human if role == "human" else drafting.given.robot
         choice = chosen[role]
+        if said == (NONE,):
+            chosen[role] = _nobody(drafting, role, provided)
+            continue
         if base is not None and role in provided and not said:
             beside = {c.name: (c, why) for c, why in base.beside(role, candidates)}
             reasons = {name: why for name, (_, why) in beside.items()}
@@ -418,7 +421,11 @@ def _choices(drafting: _Drafting, candidates: Sequence[Candidate], base: _Base |
             several=True,
         )
         _refuse_elsewhere(role, candidates, said)
+        was_open = len(drafting.open)
         names = drafting.answer(question, said)
+        if not names and len(drafting.open) == was_open:
+            chosen[role] = _nobody(drafting, role, provided)
+            continue
         picked = tuple(c for name in names if (c := named(candidates, name)) is not None)
         why = choice.why if picked == choice.chosen else "chosen by you"
         rest = (c for c in (*choice.chosen, *choice.equal) if c not in picked)
@@ -427,6 +434,13 @@ def _choices(drafting: _Drafting, candidates: Sequence[Candidate], base: _Base |
         chosen[role] = replace(choice, chosen=picked, why=why, equal=equal, others=left_out)
         drafting.decided += [f"{role}: {c.words}; {why}" for c in picked]
     return chosen
+
+
+def _nobody(drafting: _Drafting, role: str, provided: Mapping[str, Sequence[str]]) -> Choice:
+    """That somebody said that there is none, and who is left out for it."""
+    without = f", without {', '.join(provided[role])} of the extended log map" if provided.get(role) else ""
+    drafting.decided.append(f"{role}: none, as you say{without}")
+    return Choice(role, why="none, as you say", nobody=True)
 
 
 def _refuse_elsewhere(role: str, candidates: Sequence[Candidate], said: Iterable[str]) -> None:

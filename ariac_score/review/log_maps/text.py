@@ -124,6 +124,8 @@ class Writing:
                 own = re.sub(r"[^A-Za-z0-9_.-]", "_", one.name.strip("/"))
                 if one.source == source:
                     is_free = self.extends is None or role not in self.extends.unusable
+                    # Beside its place as the extended log map has it, a topic's would be a second one.
+                    is_free &= source != "topic" or self.extends is None or role not in self.extends.seen
                     yield role, one, role if len(choice.chosen) == 1 and is_free else own
 
     def _left_out(self, source: str) -> Iterator[tuple[str, Candidate, str]]:
@@ -141,7 +143,7 @@ class Writing:
         for body, role in bodies or ([(role, role) for role in ROLES] if self.by_scalars else []):
             yield f"  {_scalar(body)}: {{kind: {role}}}    # radius_m: 0.3 lets distances be between surfaces"
         for body in self.replaced:
-            yield f"  {_scalar(body)}: null    # of the extended log map: not recorded, or another body here"
+            yield f"  {_scalar(body)}: null    # of the extended log map: not recorded, another body, or none"
 
     @property
     def unusable(self) -> list[str]:
@@ -175,7 +177,11 @@ class Writing:
         # A frame that the draft takes for another body leaves nothing of the one it was.
         other = {body for body, own in self.extends.sources.items() if own <= taken} - states
         there = names | (self.extends.seen | self.extends.unusable.keys()) - other
-        return [body for body in dict.fromkeys([*replaced, *self.extends.unseen]) if body not in there]
+        nobody = {role for role, choice in self.choices.items() if choice.nobody}
+        nobody |= {role for role, _, _ in self._chosen("topic")}  # who is named takes the place of all others
+        without = [body for body, kind in known.items() if kind in nobody and body not in names]
+        found = [body for body in [*replaced, *self.extends.unseen] if body not in there]
+        return [*dict.fromkeys([*found, *without])]
 
     def _channels(self) -> Iterator[str]:
         stamp = ", stamp: log" if self.stamp else ""

@@ -129,6 +129,7 @@ class Choice:
         why: In words.
         equal: Between whom to choose, where nothing speaks for one of them.
         others: Those that are left out, each with the reason.
+        nobody: Whether somebody said that there is none.
     """
 
     role: str
@@ -136,6 +137,7 @@ class Choice:
     why: str = ""
     equal: tuple[Candidate, ...] = ()
     others: Mapping[str, str] = field(default_factory=dict)
+    nobody: bool = False
 
 
 # Candidates ----------------------------------------------------------------------------
