@@ -309,5 +309,5 @@ def decidable(trial: Trial, prepared: Prepared) -> list[tuple[str, str]]:
         elif len(idle) == len(found):
             answers.append((name, f"not applicable: {idle[0].message}"))
         else:
-            answers.append((name, "can be decided"))
+            answers.append((name, "has what it needs"))
     return answers

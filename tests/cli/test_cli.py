@@ -320,7 +320,7 @@ def test_info_says_what_a_log_holds_and_what_could_be_decided(capsys: pytest.Cap
     assert "/snapshot" in out
     assert "100.0 Hz" in out
     assert "order order_1, parts 2, priority 1, announced 8.000 s" in out
-    assert "separation           can be decided" in out
+    assert "separation           has what it needs" in out
 
 
 def test_info_without_rules_describes_the_log_and_says_how_to_learn_more(
