@@ -159,6 +159,10 @@ def shown_within_s(signal: Signal, max_gap_s: float) -> float:
     Args:
         signal: Any; of one that follows from others these decide.
         max_gap_s: Longest stretch without a sample that is accepted, s.
+
+    >>> force = Signal("contact_force/arm/ann", "N", np.array([0.0, 0.02, 0.04]), np.zeros(3))
+    >>> shown_within_s(force, 0.05), shown_within_s(force, 0.02)
+    (0.03, 0.02)
     """
     if isinstance(signal, Computed) or len(signal) < 2:
         return max_gap_s

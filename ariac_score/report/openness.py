@@ -42,6 +42,7 @@ _COUNTS = {
 def between(interval: ScoreInterval) -> str:
     """Both ends of an interval, exactly: rounded ones might lie within it.
 
+    >>> from decimal import Decimal
     >>> between(ScoreInterval(Decimal("19.761677"), Decimal("28.000000"), True, "worst"))
     'between 19.761677 and 28'
     """

@@ -323,6 +323,7 @@ def test_frames_stand_for_nothing_where_the_log_map_asks_for_no_snapshots() -> N
     assert "in place of" not in " ".join(one.cause for one in alone.interval.narrowing)
 
 
+@pytest.mark.slow
 def test_leaving_out_messages_that_came_late_does_not_raise_what_counts(tmp_path: Path) -> None:
     """190 of 2963 snapshots were more than 5 ms late: without them all look on time, but their gaps stay."""
     with Reader(REAL / "walk_jitter.bag") as reader:
@@ -380,6 +381,7 @@ def of_separation(result: Result, verdict: Verdict) -> list[str]:
     return [key for key, one in result.measured.of("separation").items() if one.verdict is verdict]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rules", ["paper2020", "paper2020.published"])
 def test_stewards_lower_no_score_by_finding_that_nothing_happened_in_a_gap(
     rules: str, tmp_path: Path

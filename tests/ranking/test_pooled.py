@@ -400,6 +400,7 @@ def test_what_the_rules_withhold_stays_withheld_in_all_runs_until_all_of_it_is_d
     assert "run 2 is undecided, and the rules count what all runs did" in beside.cause
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdicts", [(violated, violated), (satisfied, violated), (satisfied, satisfied)])
 def test_of_two_runs_that_are_withheld_each_says_what_the_other_leaves_of_its_score(
     tmp_path: Path, verdicts: tuple[Callable[[str], dict[str, Any]], ...]

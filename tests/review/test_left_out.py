@@ -39,6 +39,7 @@ def test_the_text_says_so_beside_what_is_not_attested(of_the_paper: Result) -> N
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "said"),
     [
