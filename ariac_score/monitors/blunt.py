@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from ariac_score.checks.depth import DepthProfile
+from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.monitors.causes import causes_of_spans
 from ariac_score.monitors.cells import TOLERANCE_S, Stream
 from ariac_score.monitors.limits import DEPTHS
-from ariac_score.monitors.pauses import one_by_one, profile_of, together, touch, violations_of, without
+from ariac_score.monitors.pauses import (
+    beginning_in,
+    in_time_order,
+    meeting,
+    one_by_one,
+    profile_of,
+    together,
+    touch,
+    violations_of,
+    without,
+    without_these,
+)
 from ariac_score.monitors.worsening import Worsening
 from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import Span, merged
@@ -37,11 +48,13 @@ class Judged:
     @property
     def is_told(self) -> bool:
         """Whether its violations are the stretches in which it was broken, not what takes a course."""
-        return all(
-            any(abs(one.start_s - violation.span.start_s) <= TOLERANCE_S for one in self.broken)
-            for violation in violations_of(self.findings)
-            if violation.span
-        )
+        begins_s = [one.start_s for one in self.broken]
+        for violation in violations_of(self.findings):
+            start_s = violation.span.start_s if violation.span else math.nan
+            row = bisect_left(begins_s, start_s - TOLERANCE_S)
+            if row == len(begins_s) or not begins_s[row] <= start_s + TOLERANCE_S:
+                return False
+        return True
 
 
 def blunt_worlds(
@@ -91,7 +104,7 @@ def _least_of(readings: Sequence[list[Finding]]) -> list[Finding]:
     rest = violations_of(shortest)[max(number, 1) - 1 :]
     if len(rest) < 2:
         return shortest
-    return [*(one for one in shortest if one not in rest), together(rest)]
+    return [*without_these(shortest, rest), together(rest)]
 
 
 def _most_of(readings: Sequence[list[Finding]]) -> list[Finding]:
@@ -105,9 +118,9 @@ def _most_of(readings: Sequence[list[Finding]]) -> list[Finding]:
 
 def _touches(finding: Finding, hidden: Sequence[Span]) -> bool:
     """Whether a violation is hidden in part."""
-    return finding.verdict is Verdict.VIOLATED and any(
-        finding.span is None or finding.span.overlaps(one) for one in hidden
-    )
+    if finding.verdict is not Verdict.VIOLATED:
+        return False
+    return bool(hidden if finding.span is None else meeting(hidden, finding.span))
 
 
 def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[Finding]:
@@ -117,14 +130,15 @@ def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[F
         decided = [one for one in decided if not _touches(one, hidden)]
     shown = [_shown_of(one, hidden, limit.broken) for one in decided]
     found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
-    known = [one.span for one in violations_of(found) if one.span]
+    violations = in_time_order(violations_of(found))
+    known = [one.span for one in violations if one.span]
+    rows = [one for one in found if one.verdict is not Verdict.VIOLATED or one.span is None]
     for whole in merged([*hidden, *known], within_s=_near_s(monitor)):
-        inside = [one for one in violations_of(found) if one.span and one.span.overlaps(whole)]
+        inside = beginning_in(violations, whole)
         joined = one_by_one(inside)
-        if len(joined) > 1:
-            found = [one for one in found if one not in joined[1:]]
-            found[found.index(joined[0])] = together(joined)
-    return found
+        rows += [together(joined)] if len(joined) > 1 else joined
+        rows += without_these(inside, joined)
+    return rows
 
 
 def _lasts(violation: Finding, least_s: float) -> bool:
@@ -143,17 +157,17 @@ def _shown_of(violation: Finding, hidden: Sequence[Span], broken: Sequence[Span]
         return violation
     parts = [
         Span(max(span.start_s, whole.start_s), min(span.end_s, whole.end_s))
-        for span in hidden
+        for span in meeting(hidden, whole)
         if span.start_s < whole.end_s and span.end_s > whole.start_s
     ]
     if not parts:
         return violation
     quantities = dict(violation.quantities)
-    own = [one for one in broken if whole.overlaps(one)]
+    own = meeting(broken, whole)
     lasts_s = quantities.get("time_in_violation_s", 0.0)
     hidden_s = _measure(parts)
     if own:
-        hidden_s = lasts_s - _measure(left for one in own for left in without(one, parts))
+        hidden_s = lasts_s - _measure(left for one in own for left in without(one, meeting(parts, one)))
     for most, over_time in (("", "time_in_violation_s"), *DEPTHS):
         if over_time in quantities:
             at_most = quantities.get(most, 1.0)
@@ -174,11 +188,11 @@ def _most(
         judged = [Judged((), seen)]
     rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
     for limit in judged:
-        violations = violations_of(limit.findings)
+        violations = in_time_order(violations_of(limit.findings))
         spans = limit.broken or merged(one.span for one in violations if one.span)
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
-            inside = [one for one in violations if one.span and whole.overlaps(one.span)]
-            parts, shown = ([one for one in each if whole.overlaps(one)] for each in (hidden, spans))
+            inside = beginning_in(violations, whole)
+            parts, shown = meeting(hidden, whole), meeting(spans, whole)
             rows += _all_of(subject, whole, parts, shown, inside, monitor, seen) if parts else inside
     return rows
 
@@ -204,7 +218,8 @@ def _all_of(
         seen: All that was found.
     """
     counted = [one.span for one in inside if one.span]
-    brief = [one for one in shown if not any(one.overlaps(span) for span in counted)]
+    long = merged(counted)
+    brief = [one for one in shown if not meeting(long, one)]
     full = merged([*parts, *brief])
     # Of what takes its course, several that overlap last longer than the time in which one of them did.
     lasts_s = max(_measure([*parts, *shown]), _one_over_another(inside, parts))
@@ -228,7 +243,7 @@ def _all_of(
         profile=_deepest(full, inside) if inside or len(full) > 1 else None,
     )
     rows = [worst]
-    certain = [left for span in merged(shown) for left in without(span, parts)]
+    certain = [left for span in shown for left in without(span, meeting(parts, span))]
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
     # Of what is no limit, several may be broken at once.
@@ -244,10 +259,9 @@ def _told_of(violations: Sequence[Finding]) -> list[str]:
 def _after_pauses(span: Span, parts: Sequence[Span], pause_s: float) -> list[float]:
     """When a violation that begins with a span may begin again within it, or at its end, after pauses, s."""
     found: list[float] = []
-    ends_s = [one.end_s for one in parts]
     next_s = span.start_s + pause_s
     while pause_s > 0.0 and next_s <= span.end_s + TOLERANCE_S:
-        part = bisect_left(ends_s, next_s - TOLERANCE_S)
+        part = bisect_left(parts, next_s - TOLERANCE_S, key=lambda one: one.end_s)
         begins_s = max(next_s, parts[part].start_s) if part < len(parts) else span.end_s
         found.append(min(begins_s, span.end_s))
         next_s = found[-1] + pause_s
@@ -260,7 +274,9 @@ def _one_over_another(violations: Sequence[Finding], parts: Sequence[Span]) -> f
     if len(one_by_one(violations)) == len(violations):
         return 0.0
     each = exact_sum(one.quantities.get("time_in_violation_s", 0.0) for one in violations)
-    return exact_sum([each, _measure(left for part in parts for left in without(part, merged(spans)))])
+    shown = merged(spans)
+    left = (left for part in parts for left in without(part, meeting(shown, part)))
+    return exact_sum([each, _measure(left)])
 
 
 def _measure(spans: Iterable[Span]) -> float:
@@ -275,26 +291,27 @@ def _shallowest(profile: DepthProfile, hidden: Sequence[Span]) -> DepthProfile:
     steps = {
         t: profile.at(t) for t in (*profile.t_s, *(t for one in hidden for t in (one.start_s, one.end_s)))
     }
-    shown = {
-        t: 0.0 if any(one.start_s <= t < one.end_s for one in hidden) else steps[t] for t in sorted(steps)
-    }
+    shown = {t: 0.0 if _is_in(hidden, t) else steps[t] for t in sorted(steps)}
     t_s, depth = [*shown], [*shown.values()]
     here = t_s.index(at_s)
     return DepthProfile((*t_s[:here], at_s, *t_s[here:]), (*depth[:here], most, *depth[here:-1], 0.0))
 
 
+def _is_in(spans: Sequence[Span], t_s: float) -> bool:
+    """Whether a time lies in one of some spans in time order, but for its end."""
+    row = bisect_right(spans, t_s, key=lambda one: one.start_s) - 1
+    return row >= 0 and t_s < spans[row].end_s
+
+
 def _deepest(parts: Sequence[Span], seen: Sequence[Finding]) -> DepthProfile:
     """Full depth in all parts, and what was seen between them."""
     profiles = [profile_of(one) for one in seen]
+    if len(one_by_one(seen)) == len(seen) > 0:
+        profiles = [joined_profiles(profiles)]
     ends = {t for one in parts for t in (one.start_s, one.end_s)}
     ends |= {t for one in profiles for t in one.t_s}
     t_s = tuple(sorted(ends)) if len(ends) > 1 else (*ends, *ends)  # a competition of one instant
-    depth = [
-        1.0
-        if any(part.start_s <= t < part.end_s for part in parts)
-        else max((one.at(t) for one in profiles), default=0.0)
-        for t in t_s
-    ]
+    depth = [1.0 if _is_in(parts, t) else max((one.at(t) for one in profiles), default=0.0) for t in t_s]
     return DepthProfile(t_s, (*depth[:-1], 0.0))
 
 

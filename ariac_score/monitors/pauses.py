@@ -7,6 +7,7 @@ wherever nothing shows that there was none.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -16,7 +17,10 @@ from ariac_score.trial.spans import Span, merged
 from ariac_score.trial.sums import exact_sum
 
 __all__ = [
+    "beginning_in",
+    "in_time_order",
     "joined_where_one",
+    "meeting",
     "one_by_one",
     "profile_of",
     "split_by_pauses",
@@ -24,6 +28,7 @@ __all__ = [
     "touch",
     "violations_of",
     "without",
+    "without_these",
 ]
 
 
@@ -106,10 +111,41 @@ def touch(violation: Finding, at_s: float) -> Finding:
 def one_by_one(violations: Sequence[Finding]) -> list[Finding]:
     """Those that follow each other, and so may be one; what overlaps them is of another limit."""
     found: list[Finding] = []
-    for one in sorted(violations, key=lambda one: one.span or Span(0.0, 0.0)):
+    for one in in_time_order(violations):
         if not found or (found[-1].span and one.span and one.span.start_s >= found[-1].span.end_s):
             found.append(one)
     return found
+
+
+def in_time_order(violations: Iterable[Finding]) -> list[Finding]:
+    """Violations by when they begin."""
+    return sorted(violations, key=lambda one: one.span or Span(0.0, 0.0))
+
+
+def beginning_in(violations: Sequence[Finding], whole: Span) -> Sequence[Finding]:
+    """Those of violations in time order that begin within a span."""
+    first = bisect_left(violations, whole.start_s, key=_start_s)
+    return violations[first : bisect_right(violations, whole.end_s, key=_start_s)]
+
+
+def _start_s(violation: Finding) -> float:
+    return violation.span.start_s if violation.span else 0.0
+
+
+def without_these(findings: Iterable[Finding], these: Iterable[Finding]) -> list[Finding]:
+    """The findings but for some of them."""
+    left_out = {id(one) for one in these}
+    return [one for one in findings if id(one) not in left_out]
+
+
+def meeting(spans: Sequence[Span], whole: Span) -> Sequence[Span]:
+    """Those of spans in time order, and apart from each other, that share an instant with another one.
+
+    >>> meeting([Span(0.0, 1.0), Span(2.0, 3.0), Span(4.0, 5.0)], Span(1.0, 2.5))
+    [Span(start_s=0.0, end_s=1.0), Span(start_s=2.0, end_s=3.0)]
+    """
+    first = bisect_left(spans, whole.start_s, key=lambda one: one.end_s)
+    return spans[first : bisect_right(spans, whole.end_s, key=lambda one: one.start_s)]
 
 
 def without(whole: Span, spans: Iterable[Span]) -> list[Span]:
