@@ -68,15 +68,23 @@ def show(result: Result, arguments: argparse.Namespace) -> int:
     """Print or write a result, and on stderr what its log leaves open and which criteria fail."""
     failed = failed_criteria(result, arguments.fail_on)  # first: one that is misspelt prints nothing else
     write(_shown(result, arguments), arguments.output)
-    return exit_code_of(result, failed)
+    in_text = arguments.output_format == "text" and arguments.output is None
+    # On a terminal both would stand below each other.
+    return exit_code_of(result, failed, told=in_text and sys.stdout.isatty() and sys.stderr.isatty())
 
 
-def exit_code_of(result: Result, failed: Sequence[str]) -> int:
-    """Say on stderr what the log of a result leaves open and which criteria failed; the exit code for it."""
+def exit_code_of(result: Result, failed: Sequence[str], *, told: bool = False) -> int:
+    """Say on stderr what the log of a result leaves open and which criteria failed; the exit code for it.
+
+    Args:
+        result: The result.
+        failed: The criteria.
+        told: Whether the reader sees what is open already.
+    """
     for criterion in failed:
         print(f"failed: {criterion}", file=sys.stderr)
     if _is_open(result):
-        _print_what_is_open(result)
+        _print_what_is_open(result, told=told)
         return EXIT_UNDECIDED
     return EXIT_CRITERION if failed else 0
 
@@ -96,14 +104,14 @@ def _shown(result: Result, arguments: argparse.Namespace) -> str:
     return exported(result, arguments.output_format)
 
 
-def _print_what_is_open(result: Result) -> None:
+def _print_what_is_open(result: Result, *, told: bool) -> None:
     interval = interval_that_counts(result)
     narrowing = () if interval is None else interval.narrowing
     withheld: dict[str, list[str]] = {}
     for assumption in result.assumptions:
         if assumption.policy == "withhold":
             withheld.setdefault(undecided_text(result, assumption), []).append(assumption.finding)
-    for message, found in withheld.items() if not narrowing else ():  # that names them together
+    for message, found in withheld.items() if not narrowing and not told else ():  # that names them together
         for named in found if len(found) <= MOST_NAMED else [_and_more(found)]:
             print(f"undecided: {named}: {plain(message)}", file=sys.stderr)
     if ONLY_OFFICIAL in withheld:
@@ -111,11 +119,11 @@ def _print_what_is_open(result: Result) -> None:
         if others:
             names = " or ".join(others)
             print(f"hint: {names} takes what the official text prints: --rules {others[0]}", file=sys.stderr)
-    if interval is not None and (narrowing or not withheld):
+    if interval is not None and (narrowing or not withheld) and not told:
         print(f"undecided: {adjusted_sentence(result) or open_sentence(result)}", file=sys.stderr)
         for cause in narrowing[:MOST_NAMED]:
             print(f"undecided: {plain(narrowing_text(cause))}", file=sys.stderr)
-    for what in result.measured.unrecorded if _is_open(result) else ():
+    for what in result.measured.unrecorded if _is_open(result) and not told else ():
         print(f"not recorded: {plain(what)}", file=sys.stderr)
     if result.missing:
         print(f"{result.status}: {plain(result.missing)}", file=sys.stderr)

@@ -330,6 +330,24 @@ def test_info_without_rules_describes_the_log_and_says_how_to_learn_more(
     assert "--rules" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("out", "err", "times"), [(True, True, 1), (True, False, 2), (False, True, 2)])
+def test_what_is_open_is_said_twice_unless_one_terminal_shows_both(
+    out: bool,
+    err: bool,
+    times: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    write_trial_log(tmp_path / "x.jsonl", kitting_trial(human=False), signals=["speed/robot"])
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: out)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: err)
+
+    assert main(["score", str(tmp_path / "x.jsonl"), "--rules", "paper2020"]) == 6
+    both = "".join(capsys.readouterr())
+    assert both.count("the lower end counts") == times
+
+
 def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
