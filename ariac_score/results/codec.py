@@ -175,7 +175,7 @@ class Format(Generic[T]):
 
     def schema(self) -> dict[str, Any]:
         """The JSON Schema of a document; descriptions come from the docstrings of its classes."""
-        whole = msgspec.json.schema(self.kind)
+        whole = _without_empty_defaults(msgspec.json.schema(self.kind))
         parts = {name: _described(part) for name, part in sorted(whole["$defs"].items())}
         own = parts.pop(whole["$ref"].rpartition("/")[2])
         return {
@@ -329,6 +329,15 @@ class Format(Generic[T]):
 
 _WORDS = re.compile(r"\^\(([\w|]+)\)\$")
 _FIELD = re.compile(r"^    (\w+): (.+(?:\n {8,}.+)*)", re.MULTILINE)
+
+
+def _without_empty_defaults(schema: Any) -> Any:
+    """A schema without empty objects as defaults, which msgspec states since 0.23 and did not before."""
+    if isinstance(schema, list):
+        return [_without_empty_defaults(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {key: _without_empty_defaults(one) for key, one in schema.items() if (key, one) != ("default", {})}
 
 
 def _described(part: dict[str, Any]) -> dict[str, Any]:
