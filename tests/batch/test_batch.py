@@ -1048,6 +1048,7 @@ def test_a_worker_that_sees_no_folder_asks_only_the_checks_that_changed(trials: 
     assert without == other == with_it.replace(ours, said)
 
 
+@pytest.mark.slow
 def test_what_is_stored_already_is_not_made_by_a_worker_that_is_sent_it(trials: Path, tmp_path: Path) -> None:
     batch(trials, tmp_path / "out")
     row = rows(tmp_path / "out")["/a.jsonl/1"]

@@ -140,6 +140,7 @@ def test_a_source_that_was_gone_leaves_a_gap(tmp_path: Path) -> None:
     assert as_json(watched) == as_json(score_trial(tmp_path / "seen.mcap", "paper2020.published"))
 
 
+@pytest.mark.slow
 def test_a_source_that_is_gone_for_too_long_ends_the_trial(tmp_path: Path) -> None:
     def items() -> Iterator[LiveItem | None]:
         yield from _items()
@@ -213,6 +214,7 @@ def test_the_running_score_holds_the_final_one(tmp_path: Path) -> None:
         assert one.margin == pytest.approx(float(np.interp(one.at_s, chart.t, chart.margin)), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_what_comes_all_at_once_has_its_margins_all_the_same(tmp_path: Path) -> None:
     """As a chunk of a recording that grows: no time passes while all of it is taken in."""
     states: list[Running] = []
@@ -240,6 +242,7 @@ def _margins_of_all(recording: Path) -> list[Chart]:
     return margins_of(each.plugin, "separation", each.check, open_trial(recording, "paper2020.published"))
 
 
+@pytest.mark.slow
 def test_the_margins_of_the_moment_are_looked_at_without_what_may_have_been_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -339,6 +342,7 @@ def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
         _watch(iter(()), tmp_path / "seen.mcap")
 
 
+@pytest.mark.slow
 def test_the_command_says_what_score_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     seen, watched, scored = tmp_path / "seen.mcap", tmp_path / "watched.json", tmp_path / "scored.json"
     rules = ["--rules", "paper2020.published"]
@@ -364,6 +368,7 @@ def test_a_ctrl_c_after_the_end_does_not_lose_the_result_and_a_second_one_ends_t
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_who_came_after_the_order_is_told_what_to_give(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -75,6 +75,7 @@ def test_motion_is_timed_by_the_stamps_of_the_node_not_by_the_recorder() -> None
     assert float(robot.values.max()) == pytest.approx(0.6, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_snapshots_and_frames_of_one_motion_agree() -> None:
     """The recordings differ, but tell of one walk: what was nearest to the limit is the same in both."""
     of_frames, of_snapshots = (score(name) for name in ("walk_tf_only.bag", "walk_jitter.bag"))
@@ -306,6 +307,7 @@ def test_whatever_is_left_out_of_either_source_raises_no_end_that_counts(
         assert most >= BY_THE_CLOCK_OF_THE_NODE.get(rules, 2.205222) - SLACK
 
 
+@pytest.mark.slow
 def test_a_result_says_what_stands_for_a_topic_that_is_not_there() -> None:
     found = score("walk_tf_only.bag").interval
 
@@ -315,6 +317,7 @@ def test_a_result_says_what_stands_for_a_topic_that_is_not_there() -> None:
     assert narrowing.cause.endswith("on tf frames in place of /snapshot")
 
 
+@pytest.mark.slow
 def test_frames_stand_for_nothing_where_the_log_map_asks_for_no_snapshots() -> None:
     alone = score_trial(REAL / "walk_tf_only.bag", prepare("paper2020.published", log_map="ariac2020"))
 

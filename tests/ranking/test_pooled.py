@@ -195,6 +195,7 @@ def test_the_result_of_a_run_beside_a_lost_log_says_so_and_adds_up(tmp_path: Pat
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beside", [[kitting_trial()], ["not a log\n"], [unseen()]], ids=["", "lost", "open"])
 @pytest.mark.parametrize("counts", ["worst", "withhold"])
 def test_the_result_of_a_run_beside_others_holds_against_its_log_and_its_competition(
@@ -262,6 +263,7 @@ def test_a_run_without_others_is_worth_what_it_is_alone(tmp_path: Path) -> None:
     assert run.open == Ends(alone.interval.least, alone.interval.most)
 
 
+@pytest.mark.slow
 def test_a_run_beside_an_open_one_is_open_and_its_result_says_why(tmp_path: Path) -> None:
     """The calm run is worth what the other makes of its own points: both have all of the task."""
     found = ranking(tmp_path, beside=[unseen(), calm()], alone=[unseen()])
@@ -379,6 +381,7 @@ def test_points_for_a_run_beside_a_lost_log_move_what_the_lost_log_leaves(tmp_pa
     assert after(found)[1] == ("scored", TASK - 3, Ends(Decimal(-3), Decimal(TASK - 3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "effect"),
     [
@@ -457,6 +460,7 @@ def test_points_are_refused_where_another_run_withholds_the_score(tmp_path: Path
     )
 
 
+@pytest.mark.slow
 def test_what_the_rules_withhold_counts_in_all_runs_once_it_is_decided(tmp_path: Path) -> None:
     rules = f"{RULES}open: withhold\n"
     found = ranking(tmp_path, ("team", 2, satisfied("separation#2")), rules=rules, team=[calm(), unseen()])
@@ -466,6 +470,7 @@ def test_what_the_rules_withhold_counts_in_all_runs_once_it_is_decided(tmp_path:
     assert {outcome for outcome, _, _ in after(found).values()} == {"scored"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", ["worst", "best", "withhold"])
 @pytest.mark.parametrize(
     "effect",
@@ -485,6 +490,7 @@ def test_where_teams_are_compared_an_open_run_is_undecided_until_all_of_it_is_de
     assert {run.team: run.outcome for run in found.runs} == {"open": "undecided", "seen": "scored"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beside", [[kitting_trial()], ["not a log\n"]], ids=["seen", "lost"])
 def test_what_a_result_of_a_ranked_run_is_adjusted_to_is_what_the_ranking_says(
     tmp_path: Path, beside: list[Trial | str]
@@ -512,6 +518,7 @@ def test_what_a_result_of_a_ranked_run_is_adjusted_to_is_what_the_ranking_says(
     assert (None if left is None else Ends(left.least, left.most)) == ranked.open
 
 
+@pytest.mark.slow
 def test_the_order_of_decisions_in_their_file_decides_nothing(tmp_path: Path) -> None:
     rules = f"{RULES}open: withhold\n"
     both = [

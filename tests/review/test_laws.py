@@ -162,6 +162,7 @@ def test_the_counter_example_to_counting_episodes_is_the_smallest_there_is() -> 
     assert found.broken.second_score == pytest.approx(4 / (1 + 0.4 * 1.06))
 
 
+@pytest.mark.slow
 def test_a_counter_example_is_told_in_words() -> None:
     rules = made("earned + count(dropped)")
     found = outcome(rules, "more_violations")

@@ -163,6 +163,7 @@ def test_rules_that_are_not_installed_are_taken_from_the_result(tmp_path: Path) 
     assert failed(verify_result(tmp_path / "r.json", log=LOG, rules=str(ours))) == []
 
 
+@pytest.mark.slow
 def test_bounds_of_the_rules_are_settings_that_hold_and_cannot_be_edited(tmp_path: Path) -> None:
     ours = tmp_path / "ours.yaml"
     ours.write_text(

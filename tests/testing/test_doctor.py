@@ -117,6 +117,7 @@ def test_what_is_wrong_is_named_with_distribution_and_version(
     assert "\n  hint: " in printed
 
 
+@pytest.mark.slow
 def test_an_entry_point_to_nothing_is_named(install: Install, tmp_path: Path) -> None:
     install("odd-rules", {"odd.rule": "Rule"}, source=RULE, version="6.6")
     (tmp_path / "odd-rules-6.6/stranger_odd_rules.py").unlink()
@@ -126,6 +127,7 @@ def test_an_entry_point_to_nothing_is_named(install: Install, tmp_path: Path) ->
     assert "ModuleNotFoundError" in ill.problem
 
 
+@pytest.mark.slow
 def test_two_distributions_with_one_name_are_both_named(install: Install) -> None:
     for distribution in ("fair-rules", "foul-rules"):
         install(distribution, {"fair.play": "Rule"}, source=RULE)
