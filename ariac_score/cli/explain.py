@@ -40,13 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(score_text(result, style))
         return 0
     text = explain_text(result, arguments.path, style)
+    if not text and arguments.path == INTERVAL and not result.measured.open:
+        text = "no gap is open\n"
     if not text:
         lines = [line.path for line in result.ledger.walk()] if result.ledger else []
         known = {
             *(part for path in lines for part in path.split("/")),
             *result.measured.findings,
             *(key for one in result.measured.open for key in (*one.best, *one.worst)),
-            *([INTERVAL] if result.measured.open else ()),
+            INTERVAL,
             *result.checks,
             *(scope.path for scope in result.measured.scopes.walk() if scope.path),
         }

@@ -348,6 +348,44 @@ def test_what_is_open_is_said_twice_unless_one_terminal_shows_both(
     assert both.count("the lower end counts") == times
 
 
+def test_what_is_open_is_explained_with_the_time_of_each_gap_and_both_worlds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = kitting_trial()
+    kept = (trial.signals["speed/human"].t < 20.0) | (trial.signals["speed/human"].t > 20.3)
+    gap = {
+        name: replace(one, t=one.t[kept], values=one.values[kept]) if len(one.t) == len(kept) else one
+        for name, one in trial.signals.items()
+    }
+    for name, given in (("whole", trial), ("gap", replace(trial, signals=gap))):
+        write_trial_log(tmp_path / f"{name}.jsonl", given, signals=SNAPSHOT_SIGNALS)
+        main(
+            [
+                "score",
+                str(tmp_path / f"{name}.jsonl"),
+                "--rules",
+                "paper2020",
+                "-o",
+                str(tmp_path / f"{name}.json"),
+            ]
+        )
+    capsys.readouterr()
+
+    assert main(["explain", str(tmp_path / "gap.json"), "interval"]) == 0
+    told = capsys.readouterr().out
+    assert "open: separation of robot/human" in told
+    assert "19.990 to 20.310 s" in told
+    assert "in the best world" in told
+    assert "in the worst world" in told
+    worst = re.search(r"separation#worst\d+", told)
+    assert worst is not None
+    assert main(["explain", str(tmp_path / "gap.json"), worst[0]]) == 0
+    capsys.readouterr()
+
+    assert main(["explain", str(tmp_path / "whole.json"), "interval"]) == 0
+    assert capsys.readouterr().out == "no gap is open\n"
+
+
 def test_info_on_a_log_without_a_human_says_what_could_not_be_decided(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -562,10 +600,13 @@ def test_a_slip_in_what_if_is_named_by_its_option(capsys: pytest.CaptureFixture[
 @pytest.mark.slow
 def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:
     for name in ("r.json", "r.txt"):
-        assert main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / name)]) == 0
+        assert (
+            main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / f"{name}.json")])
+            == 0
+        )
     for form, name in (("text", "forced.json"), ("json", "forced.txt")):
         arguments = ["score", str(log), "--rules", "paper2020.published", "--output-format", form]
-        assert main([*arguments, "-o", str(tmp_path / name)]) == 0
+        assert main([*arguments, "-o", str(tmp_path / f"{name}.json")]) == 0
 
     assert json.loads((tmp_path / "r.json").read_text())["score"] == 19.761677
     assert (tmp_path / "r.txt").read_text().startswith("19.761677 of 36")
