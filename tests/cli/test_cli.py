@@ -600,13 +600,10 @@ def test_a_slip_in_what_if_is_named_by_its_option(capsys: pytest.CaptureFixture[
 @pytest.mark.slow
 def test_a_file_for_json_holds_json_and_one_of_another_name_text(log: Path, tmp_path: Path) -> None:
     for name in ("r.json", "r.txt"):
-        assert (
-            main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / f"{name}.json")])
-            == 0
-        )
+        assert main(["score", str(log), "--rules", "paper2020.published", "-o", str(tmp_path / name)]) == 0
     for form, name in (("text", "forced.json"), ("json", "forced.txt")):
         arguments = ["score", str(log), "--rules", "paper2020.published", "--output-format", form]
-        assert main([*arguments, "-o", str(tmp_path / f"{name}.json")]) == 0
+        assert main([*arguments, "-o", str(tmp_path / name)]) == 0
 
     assert json.loads((tmp_path / "r.json").read_text())["score"] == 19.761677
     assert (tmp_path / "r.txt").read_text().startswith("19.761677 of 36")
