@@ -63,6 +63,7 @@ def blunt_worlds(
     readings: Sequence[Sequence[Judged]],
     opened: Sequence[Stream],
     spans: Sequence[Span],
+    at_worst: Sequence[Finding] | None = None,
 ) -> Worlds:
     """Both worlds where nothing says what can have been in some spans.
 
@@ -73,6 +74,7 @@ def blunt_worlds(
             a gap goes on behind it, or that it does not.
         opened: The streams that lack samples.
         spans: Where they do; at least one.
+        at_worst: What may have been at worst; `None`: whatever was seen, and all of what is hidden.
     """
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
     undecided = [
@@ -87,7 +89,11 @@ def blunt_worlds(
         [one for limit in limits for one in _fewest(limit, hidden, monitor)] or [_kept(subject, monitor)]
         for limits in readings
     ]
-    most = [_most(subject, hidden, monitor, limits) for limits in readings]
+    most = (
+        [_most(subject, hidden, monitor, limits) for limits in readings]
+        if at_worst is None
+        else [list(at_worst)]
+    )
     best, worst = _least_of(least), _most_of(most)
     return Worlds(subject, tuple(best), tuple(worst), causes_of_spans(opened, spans))
 

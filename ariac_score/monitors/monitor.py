@@ -35,7 +35,7 @@ from ariac_score.monitors.worlds import Opened, open_worlds
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
-from ariac_score.trial.spans import FloatArray
+from ariac_score.trial.spans import FloatArray, Span
 from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
 from ariac_score.trial.window import lasted_of, lasting, surely_of
 
@@ -154,6 +154,19 @@ class SubjectMonitor:
         """
         raise NotImplementedError
 
+    def at_worst(self, signals: Watched, hidden: Sequence[Span]) -> Sequence[Finding] | None:
+        """What may have been at worst, given where nothing shows it: violations, or that there were none.
+
+        `None`, unless a monitor says otherwise: its limit may have been broken in all of what is hidden, at
+        full depth.
+
+        Args:
+            signals: As samples stand, without gaps.
+            hidden: Where nothing shows what was, in time order.
+        """
+        del signals, hidden
+        return None
+
     # What follows ---------------------------------------------------------------------------------
 
     @property
@@ -232,6 +245,7 @@ class _Unseen:
             monitor.rules.t_on_s,
             monitor.flags,
             monitor.may_be_critical,
+            monitor.at_worst,
         )
 
     def nothing(self, trial: Trial, subject: Subject, why: str) -> Iterator[Statement]:

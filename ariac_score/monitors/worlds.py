@@ -114,7 +114,7 @@ def _blunt(
     unknown = [span.duration_s for spans_of in watched.unknown.values() for span in spans_of]
     held = [stream.held_s for stream in opened if stream.open.any()]
     shortest_s = min([watched.max_gap_s, *held, *unknown])
-    readings, seen = [], list[Statement]()
+    readings, seen, at_worst = [], list[Statement](), None
     # Whether what was before a gap goes on behind it may be for better or worse: a grace that has begun
     # before, or a contact that is none of its own.
     for longest_s in (math.inf, shortest_s):
@@ -124,8 +124,13 @@ def _blunt(
         except (UndecidedError, MissingSignalError):
             seen, spans = [], [window]
         readings.append(list(_by_limit(seen)))
+    if monitor.at_worst is not None:
+        at_worst = monitor.at_worst(replace(watched, gaps=[]), spans)
+    if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
+        kept = tuple(at_worst)
+        return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans)
+    worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans, at_worst)
     return Opened(worlds, tuple(seen), agree=False, said=said)
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from ariac_score.checks.findings import Finding
 from ariac_score.checks.measures import Measure
+from ariac_score.trial.spans import Span
+
+if TYPE_CHECKING:
+    from ariac_score.monitors.watched import Watched
 
 __all__ = ["Worse", "Worsening"]
 
@@ -26,6 +31,8 @@ class Worsening:
         clause: Where the standard asks for it.
         flags: What else it reads, and a sample of which stands for a while.
         critical: Whether a violation is a critical event.
+        at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
+            been broken there, all of the time and at full depth.
     """
 
     signals: Mapping[str, Worse]
@@ -35,3 +42,4 @@ class Worsening:
     t_on_s: float = 0.0
     flags: Sequence[str] = ()
     critical: bool = False
+    at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 import ast
 import keyword
+import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from string import Formatter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -59,6 +60,7 @@ from ariac_score.monitors import (
     Worse,
     rows_of_episodes,
 )
+from ariac_score_standards.deadlines import asked_at_worst, late_at_worst
 
 _KINDS = ("robot", "agv", "human")
 _EXAMPLES = ", ".join(_KINDS)
@@ -458,7 +460,7 @@ class Within(Formula):
         0 where it holds already.
     Violated when:
         It takes longer than `within_s`. Where the log ends, or has a gap, before the
-        time is up, that is inconclusive.
+        time is up, that is inconclusive; where the competition ends, no response was due.
     Source:
         The rule set that writes it.
     """
@@ -472,6 +474,7 @@ class Within(Formula):
 
     trigger: str = parameter("", source="what begins to hold; required")
     response: str = parameter("", source="what has to hold then; required")
+    in_gaps: ClassVar[Literal["outer"]] = "outer"
     within_s: float = parameter(1.0, unit="s", at_least=0, at_most=1e6, source="for the rule set to set")
 
     @property
@@ -485,38 +488,74 @@ class Within(Formula):
 
     def about(self, signals: Watched) -> Iterator[Finding]:
         """Each late response, or the latest that was in time."""
-        subject, clause = signals.subject.name, self.rules.clause
-        answers = self._answers(signals)
+        answers = self._due(signals)
         late = [(began, takes) for began, takes in answers if takes > self.within_s + TOLERANCE_S]
         for began, takes in late:
             yield self._late(signals, began, takes)
         if late or signals.gaps:
             return
         if not answers:
-            message = f"'{self.trigger}' never began to hold"
-            yield Finding.not_applicable(subject, message, clause=clause)
+            in_time = " so that a response was due" if self._answers(signals) else ""
+            message = f"'{self.trigger}' never began to hold{in_time}"
+            yield Finding.not_applicable(signals.subject.name, message, clause=self.rules.clause)
             return
+        yield self._in_time(signals, answers)
+
+    def _due(self, watched: Watched) -> list[tuple[float, float]]:
+        """The answers but for those that would have been due after the end of the competition."""
+        ended_s = watched.trial.ended_s
+        last_s = math.inf if ended_s is None else ended_s - self.within_s + TOLERANCE_S
+        return [one for one in self._answers(watched) if one[0] <= last_s or math.isfinite(one[1])]
+
+    def _in_time(self, watched: Watched, answers: Sequence[tuple[float, float]]) -> Finding:
+        if not answers:
+            message = f"'{self.trigger}' did not hold so that a response was due"
+            return Finding.satisfied(watched.subject.name, message, clause=self.rules.clause)
         began, takes = max(answers, key=lambda answer: (answer[1], answer[0]))
-        yield Finding(
-            subject,
+        return Finding(
+            watched.subject.name,
             Verdict.SATISFIED,
             f"the latest response took {takes:.3f} s, to {began:.3f} s (at most {self.within_s:g} s)",
-            robustness=self.within_s - takes,
+            robustness=max(self.within_s - takes, 0.0),
             unit="s",
             quantities={"response_s": takes, "time_in_violation_s": 0.0},
-            clause=clause,
+            clause=self.rules.clause,
         )
+
+    def at_worst(self, signals: Watched, hidden: Sequence[Span]) -> Sequence[Finding]:
+        """Each late response, with a trigger as early, and as often, as what is hidden lets it have been."""
+        window = signals.trial.window
+        ends_s = signals.end_s if window is None else window.end_s
+        seen_s = [began_s for began_s, _ in self._answers(signals)]
+        usual_s = float(np.median(np.diff(signals.t))) if len(signals) > 1 else math.inf
+        # What was seen to begin twice can begin so soon again.
+        pause_s = min([max(self.t_on_s + self.t_off_s, usual_s), *np.diff(seen_s).tolist()])
+        asked = asked_at_worst(seen_s, hidden, self._answered(signals), ends_s)
+        late = [
+            self._too_late(signals, span, f"came after {span.duration_s:.3f} s at worst", late_s)
+            for span, late_s in late_at_worst(asked, self.within_s, pause_s)
+        ]
+        if signals.trial.ended_s is None:  # nobody knows whether a response was due
+            late += [
+                self._too_late(signals, Span(one.from_s, ends_s), "is not in the log", ends_s - one.from_s)
+                for one in asked
+                if one.in_vain and one.longest_s <= self.within_s + TOLERANCE_S
+            ]
+        in_time = [(one.from_s, one.longest_s) for one in asked if not one.in_vain]
+        return late or [self._in_time(signals, in_time)]
 
     def _answers(self, watched: Watched) -> list[tuple[float, float]]:
         """When the trigger began to hold, and how long the response then took; infinite: it never came."""
-        answered = watched.t[self._of(self.response, watched).true]
+        answered = self._answered(watched)
         triggered = self._of(self.trigger, watched).true
         found = []
         for span, _ in rows_of_episodes(watched, triggered, t_on_s=self.t_on_s, t_off_s=self.t_off_s):
-            after = int(answered.searchsorted(span.start_s))
-            takes = float(answered[after]) - span.start_s if after < len(answered) else np.inf
-            found.append((span.start_s, takes))
+            found.append((span.start_s, _until(answered, span.start_s)))
         return found
+
+    def _answered(self, watched: Watched) -> FloatArray:
+        """When the response held, s."""
+        return watched.t[self._of(self.response, watched).true]
 
     def _late(self, watched: Watched, began: float, takes: float) -> Finding:
         subject, clause = watched.subject.name, self.rules.clause
@@ -528,14 +567,23 @@ class Within(Formula):
         answered = np.isfinite(takes)
         end = began + takes if answered else last
         came = f"came after {takes:.3f} s" if answered else "never came"
+        return self._too_late(watched, Span(began, end), came, end - deadline)
+
+    def _too_late(self, watched: Watched, span: Span, came: str, late_s: float) -> Finding:
         return Finding(
-            subject,
+            watched.subject.name,
             Verdict.VIOLATED,
-            f"the response to {began:.3f} s {came} (at most {self.within_s:g} s)",
-            span=Span(began, end),
-            robustness=min(self.within_s - (end - began), 0.0),
+            f"the response to {span.start_s:.3f} s {came} (at most {self.within_s:g} s)",
+            span=span,
+            robustness=min(self.within_s - span.duration_s, 0.0),
             unit="s",
-            quantities={"response_s": end - began, "time_in_violation_s": end - deadline},
-            clause=clause,
+            quantities={"response_s": span.duration_s, "time_in_violation_s": late_s},
+            clause=self.rules.clause,
             critical=self.critical,
         )
+
+
+def _until(answered: FloatArray, began_s: float) -> float:
+    """How long it takes from a time until a response, s; infinite: none comes."""
+    after = int(answered.searchsorted(began_s))
+    return float(answered[after]) - began_s if after < len(answered) else math.inf
