@@ -127,6 +127,14 @@ class SubjectMonitor:
         return ()
 
     @property
+    def may_hide(self) -> Sequence[Mapping[str, float]]:
+        """What signals may have been in a gap, by template, so that what follows is judged otherwise.
+
+        Such as a rest after which nothing may move. Each is tried, where nothing bounds what was in a gap.
+        """
+        return ()
+
+    @property
     def when_cut(self) -> WhenCut:
         """What its findings are worth where the log is cut off, as `open` where it does not say so."""
         return "open"
@@ -245,6 +253,7 @@ class _Unseen:
             monitor.rules.t_on_s,
             monitor.flags,
             monitor.may_be_critical,
+            monitor.may_hide,
             monitor.at_worst,
         )
 

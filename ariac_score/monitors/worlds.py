@@ -20,7 +20,7 @@ from ariac_score.checks.open_findings import Worlds
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import Judged, blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
-from ariac_score.monitors.cells import TOLERANCE_S, Cells, Stream, cells_of
+from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.limits import JudgedLimit, Statement
 from ariac_score.monitors.pauses import joined_where_one, touch, violations_of
 from ariac_score.monitors.unseen import Unseen
@@ -117,9 +117,10 @@ def _blunt(
     readings, seen, at_worst = [], list[Statement](), None
     # Whether what was before a gap goes on behind it may be for better or worse: a grace that has begun
     # before, or a contact that is none of its own.
-    for longest_s in (math.inf, shortest_s):
+    going_on, not_going_on = (replace(watched, gaps=[], max_gap_s=s) for s in (math.inf, shortest_s))
+    hiding = [_hiding(going_on, spans, values) for values in monitor.may_hide]
+    for read in (going_on, not_going_on, *hiding):
         try:
-            read = replace(watched, gaps=[], max_gap_s=longest_s)
             seen = list(judge(read)) if len(watched) else []
         except (UndecidedError, MissingSignalError):
             seen, spans = [], [window]
@@ -132,6 +133,24 @@ def _blunt(
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
     worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans, at_worst)
     return Opened(worlds, tuple(seen), agree=False, said=said)
+
+
+def _hiding(watched: Watched, hidden: Sequence[Span], values: Mapping[str, float]) -> Watched:
+    """The same with some values of signals wherever nothing shows them."""
+    starts = [one.start_s for one in hidden]
+    inside = [t for one in hidden for t in watched.t[(watched.t >= one.start_s) & (watched.t < one.end_s)]]
+    if not len(watched):
+        return watched
+    times = np.unique([*starts, *inside])
+    # A sample shows its own instant.
+    times = np.where(np.isin(times, watched.t), times + INSTANT_S, times)
+    t = np.unique(np.concatenate([watched.t, times]))
+    rows = np.maximum(watched.t.searchsorted(t, side="right") - 1, 0)
+    filled = np.isin(t, times)
+    columns = {name: column[rows].copy() for name, column in watched.columns.items()}
+    for template, value in values.items():
+        columns[watched.names[template]][filled] = value
+    return replace(watched, t=t, columns=columns, filled=filled)
 
 
 def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:

@@ -31,6 +31,8 @@ class Worsening:
         clause: Where the standard asks for it.
         flags: What else it reads, and a sample of which stands for a while.
         critical: Whether a violation is a critical event.
+        may_hide: What some signals may have been where nothing shows them, so that what follows is judged
+            otherwise, by template; each is tried.
         at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
             been broken there, all of the time and at full depth.
     """
@@ -42,4 +44,5 @@ class Worsening:
     t_on_s: float = 0.0
     flags: Sequence[str] = ()
     critical: bool = False
+    may_hide: Sequence[Mapping[str, float]] = ()
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

@@ -362,6 +362,11 @@ class EstopRestart(LimitMonitor):
         return self.after
 
     @property
+    def may_hide(self) -> tuple[dict[str, float]]:
+        """The rest that latches it."""
+        return ({self._speed: 0.0},)
+
+    @property
     def reach(self) -> Reach:
         """Rest is due from the stop on; whether it is reached shows only after `hold_s`."""
         return Reach("start", ahead_s=self.hold_s)

@@ -139,6 +139,11 @@ class PflContact(LimitMonitor):
         """Those of contacts."""
         return {**_OF_CONTACT, **self.encounter.measures}
 
+    @property
+    def may_hide(self) -> tuple[dict[str, float]]:
+        """A touch, with which two contacts are one."""
+        return ({_FORCE: math.nextafter(self.contact_on_n, math.inf)},)
+
     def needs(self) -> Iterator[SignalNeed]:
         """The force; whatever else helps is optional."""
         yield from super().needs()
