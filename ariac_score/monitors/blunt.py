@@ -195,11 +195,15 @@ def _most(
     rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
     for limit in judged:
         violations = in_time_order(violations_of(limit.findings))
+        undecided = in_time_order(
+            one for one in limit.findings if one.verdict is Verdict.INCONCLUSIVE and one.span is not None
+        )
         spans = limit.broken or merged(one.span for one in violations if one.span)
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
             inside = beginning_in(violations, whole)
             parts, shown = meeting(hidden, whole), meeting(spans, whole)
-            rows += _all_of(subject, whole, parts, shown, inside, monitor, seen) if parts else inside
+            may_be = beginning_in(undecided, whole)
+            rows += _all_of(subject, whole, parts, shown, inside, may_be, monitor, seen) if parts else inside
     return rows
 
 
@@ -209,6 +213,7 @@ def _all_of(
     parts: Sequence[Span],
     shown: Sequence[Span],
     inside: Sequence[Finding],
+    may_be: Sequence[Finding],
     monitor: Worsening,
     seen: Sequence[Finding],
 ) -> list[Finding]:
@@ -220,6 +225,7 @@ def _all_of(
         parts: What is hidden of it; at least one.
         shown: When the limit was seen to be broken, however briefly.
         inside: The violations that were found.
+        may_be: What is undecided; each may have been one.
         monitor: What it measures.
         seen: All that was found.
     """
@@ -252,8 +258,9 @@ def _all_of(
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
-    # Of what is no limit, several may be broken at once.
-    return rows + [touch(worst, span.start_s) for span in counted[len(rows) :]]
+    # Of what is no limit, such as a stop, several may be bad at once.
+    at_once = [*counted, *(one.span for one in may_be if one.span)]
+    return rows + [touch(worst, span.start_s) for span in at_once[len(rows) :]]
 
 
 def _told_of(violations: Sequence[Finding]) -> list[str]:

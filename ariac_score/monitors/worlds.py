@@ -137,11 +137,11 @@ def _blunt(
 
 def _hiding(watched: Watched, hidden: Sequence[Span], values: Mapping[str, float]) -> Watched:
     """The same with some values of signals wherever nothing shows them."""
-    starts = [one.start_s for one in hidden]
-    inside = [t for one in hidden for t in watched.t[(watched.t >= one.start_s) & (watched.t < one.end_s)]]
     if not len(watched):
         return watched
-    times = np.unique([*starts, *inside])
+    moments = np.concatenate([watched.t, [event.t_s for event in watched.trial.events]])
+    inside = [t for one in hidden for t in moments[(moments >= one.start_s) & (moments < one.end_s)]]
+    times = np.unique([*(one.start_s for one in hidden), *inside])
     # A sample shows its own instant.
     times = np.where(np.isin(times, watched.t), times + INSTANT_S, times)
     t = np.unique(np.concatenate([watched.t, times]))
