@@ -177,7 +177,10 @@ class PflContact(LimitMonitor):
         yield limit
         exposure = self.encounter.exposure(watched)
         for contact in contacts:
-            yield self._finding(watched, contact, exposure)
+            finding = self._finding(watched, contact, exposure)
+            yield finding
+            if finding.verdict is Verdict.VIOLATED:
+                yield from self._hidden_beside(watched, contact)
         if not contacts and not watched.gaps:
             strongest = int(np.argmax(limit.bound.actual))
             yield Finding(
@@ -286,6 +289,21 @@ class PflContact(LimitMonitor):
             critical=violated,
         )
 
+    def _hidden_beside(self, watched: Watched, contact: _Contact) -> Iterator[Finding]:
+        """Where a contact that is a violation may have been a worse one, by what the log does not show."""
+        pressed, at_worst = contact.pressed, contact.at_worst
+        if pressed is None:
+            return
+        worse = pressed.hidden & (pressed.depth < 1.0)
+        if at_worst is not None:
+            worse |= at_worst.depth > pressed.depth
+        lacks = np.zeros(len(watched), dtype=bool)
+        lacks[contact.rows[worse]] = True
+        for span, _ in rows_of_episodes(watched, lacks, t_off_s=0.0):
+            message = f"contact at {contact.span.start_s:.3f} s: what bears on its limit is recorded, "
+            message += f"but not at {span.start_s:.3f} s"
+            yield Finding.inconclusive(watched.subject.name, message, span=span, clause=self.clause)
+
     def _clamped(self, watched: Watched, rows: Rows, limits: BodyLimits) -> tuple[BoolArray, BoolArray]:
         """Where the body part cannot get away: by the parameter, the log's flag, or the gap it is in.
 
@@ -354,6 +372,11 @@ class _Pressed:
         return np.maximum(self.of_force, self.of_pressure)
 
     @property
+    def depth(self) -> FloatArray:
+        """By how much the share is above 1, up to 1."""
+        return np.clip(self.ratio - 1.0, 0.0, 1.0)
+
+    @property
     def worst(self) -> int:
         """The sample that reaches the largest share of its limit."""
         return int(np.argmax(self.ratio))
@@ -361,8 +384,7 @@ class _Pressed:
     def quantities(self, weight_s: FloatArray) -> dict[str, float]:
         """The quantities of the contact, given how long each sample stands for."""
         ratio, impulse_n_s = self.ratio, self.force_n * weight_s
-        above = ratio > 1.0
-        relative = np.clip(np.maximum(ratio - 1.0, 0.0), 0.0, 1.0)
+        above, relative = ratio > 1.0, self.depth
         of_pressure = {"pressure_ratio_max": float(self.of_pressure.max())}
         return {
             "contacts": 1.0,
