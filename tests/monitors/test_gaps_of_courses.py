@@ -18,6 +18,7 @@ from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score.trial.spans import FloatArray
 from ariac_score_standards import (
+    EstopRestart,
     HandGuiding,
     MonitoredStandstill,
     PflContact,
@@ -282,6 +283,60 @@ def test_a_response_that_a_gap_may_hide_is_not_certain_to_lack() -> None:
     assert found(monitor, given).most == 0
     robbed = found(monitor, without(given, from_to(1.5, 1.53)))
     assert robbed.fewest == 0 < robbed.most
+
+
+def test_a_rest_that_a_gap_hides_may_have_been_the_one_after_which_nothing_may_move() -> None:
+    """Stopped at 1 s, at rest from 1.1 to 1.25 s, moving again until 1.95 s; the rest is left out."""
+    given = recorded(
+        {"speed/arm": ("m/s", during((0.0, 1.1), (1.25, 1.95), yes=0.3))}, Event(1.0, "emergency_stop", "arm")
+    )
+    given = replace(given, witnessed=WITNESSED | {"emergency_stop_reset", "start"})
+    monitor = EstopRestart()
+
+    assert found(monitor, given) == Found(1, 1, pytest.approx(0.7), pytest.approx(0.7))
+    robbed = found(monitor, without(given, from_to(1.1, 1.25)))
+    assert robbed.fewest == 0
+    assert robbed.longest_s >= 0.7
+    # What is left of the rest, 60 ms, is as short as not to count, whatever had been between.
+    assert found(monitor, without(given, [*from_to(1.1, 1.16), *from_to(1.22, 1.25)])).longest_s >= 0.7
+
+
+def test_a_touch_that_a_gap_hides_may_have_joined_two_contacts() -> None:
+    """20 N from 1 s on, 170 N for a while, and a pause of 10 ms, of which the sample behind is left out."""
+    force_n = during((1.0, 1.9), (1.91, 3.0), yes=20.0) + during((1.6, 1.8), yes=150.0)
+    given = recorded({"contact_force/arm/ann": ("N", force_n)})
+    monitor = PflContact(region="chest", t_off_s=0.02)
+
+    (whole,) = (one for one in monitor.watch(given) if one.verdict is Verdict.VIOLATED)
+    assert whole.span == Span(1.0, 3.0)
+    (opened,) = (one for one in monitor.watch_worlds(without(given, [1.91])) if isinstance(one, Worlds))
+    assert max(one.span.duration_s for one in opened.worst if one.span) == pytest.approx(2.0)
+
+
+def test_each_stop_that_a_gap_hides_may_have_been_bad() -> None:
+    """The drives kept their power after each of three emergency stops; it is left out behind the first."""
+    stops = [Event(t_s, "emergency_stop", "arm") for t_s in (1.0, 2.0, 3.0)]
+    given = recorded({"speed/arm": ("m/s", during()), "drive_enabled/arm": ("1", during((0.0, 9.0)))}, *stops)
+    monitor = StopPerformance(max_time_s=0.1, power_wait_s=0.2)
+
+    assert (found(monitor, given).fewest, found(monitor, given).most) == (3, 3)
+    robbed = found(monitor, without(given, from_to(1.5, 4.0), ["drive_enabled/arm"]))
+    assert robbed.most >= 3 > robbed.fewest
+
+
+def test_a_pressure_that_lacks_may_have_made_a_bad_contact_worse() -> None:
+    """100 N for 1 s, of which 0.2 s have a pressure beyond all limits; half of that is left out."""
+    given = recorded(
+        {
+            "contact_force/arm/ann": ("N", during((1.0, 2.0), yes=100.0)),
+            "contact_pressure/arm/ann": ("Pa", during((1.4, 1.6), yes=1e8)),
+        }
+    )
+    monitor = PflContact(region="chest", t_off_s=0.2)
+
+    assert found(monitor, given) == Found(1, 1, pytest.approx(0.2), pytest.approx(0.2))
+    robbed = found(monitor, without(given, from_to(1.5, 1.6), ["contact_pressure/arm/ann"]))
+    assert robbed.least_s <= 0.2 <= robbed.longest_s
 
 
 # Several limits --------------------------------------------------------------------------------
