@@ -203,6 +203,11 @@ class PflSpeed(LimitMonitor):
         return self.when == "contact"
 
     @property
+    def may_hide(self) -> tuple[dict[str, float], ...]:
+        """The beginning of a contact, slow enough."""
+        return ({APART: 0.0, _RELATIVE: 0.0},) if self._at_contact else ()
+
+    @property
     def encounter(self) -> Encounter:
         """At a contact, with who closed in before it."""
         return Encounter(before=self._at_contact)
