@@ -171,14 +171,17 @@ def _shown_of(violation: Finding, hidden: Sequence[Span], broken: Sequence[Span]
     quantities = dict(violation.quantities)
     own = meeting(broken, whole)
     lasts_s = quantities.get("time_in_violation_s", 0.0)
-    hidden_s = _measure(parts)
+    hidden_s, span = _measure(parts), whole
     if own:
-        hidden_s = lasts_s - _measure(left for one in own for left in without(one, meeting(parts, one)))
+        left = [shown for one in own for shown in without(one, meeting(parts, one))]
+        hidden_s = lasts_s - _measure(left)
+        span = Span(left[0].start_s, left[-1].end_s) if left else whole
     for most, over_time in (("", "time_in_violation_s"), *DEPTHS):
         if over_time in quantities:
             at_most = quantities.get(most, 1.0)
             quantities[over_time] = max(0.0, quantities[over_time] - at_most * hidden_s)
-    return replace(violation, quantities=quantities, profile=_shallowest(profile_of(violation), parts))
+    profile = _shallowest(profile_of(violation), parts)
+    return replace(violation, span=span, quantities=quantities, profile=profile)
 
 
 def _most(

@@ -245,6 +245,7 @@ class _Unseen:
     @property
     def _says(self) -> Worsening:
         monitor = self.monitor
+        reach = getattr(monitor, "reach", Reach())
         return Worsening(
             monitor.worse,
             getattr(monitor, "measures", {}),
@@ -253,6 +254,7 @@ class _Unseen:
             monitor.rules.t_on_s,
             monitor.flags,
             monitor.may_be_critical,
+            max(reach.ahead, int(reach.back == "neighbour")),
             monitor.may_hide,
             monitor.at_worst,
         )

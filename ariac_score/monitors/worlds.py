@@ -92,7 +92,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
             found = None
         if found is not None:
             return found
-    spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window))]
+    spans = [*watched.gaps, *(span for stream in opened for span in stream.spans(window, monitor.beside))]
     for signal in signals.values():
         if isinstance(signal, Computed) and quantity_of(signal.name) in (*SPEEDS, "velocity"):
             # A speed over several intervals follows from places in those beside it.

@@ -31,6 +31,7 @@ class Worsening:
         clause: Where the standard asks for it.
         flags: What else it reads, and a sample of which stands for a while.
         critical: Whether a violation is a critical event.
+        beside: On how many samples beside each its verdict rests, so that they are open beside a gap, too.
         may_hide: What some signals may have been where nothing shows them, so that what follows is judged
             otherwise, by template; each is tried.
         at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
@@ -44,5 +45,6 @@ class Worsening:
     t_on_s: float = 0.0
     flags: Sequence[str] = ()
     critical: bool = False
+    beside: int = 0
     may_hide: Sequence[Mapping[str, float]] = ()
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None
