@@ -134,7 +134,9 @@ def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[F
     decided = [one for one in limit.findings if one.verdict is not Verdict.INCONCLUSIVE]
     if not limit.is_told:  # what a gap hides of its course may have made it none
         decided = [one for one in decided if not _touches(one, hidden)]
-    shown = [_shown_of(one, hidden, limit.broken) for one in decided]
+    # Where a verdict rests on the samples beside it, too, one alone shows no instant of its own.
+    alone = monitor.beside == 0
+    shown = [one for each in decided if (one := _shown_of(each, hidden, limit.broken, alone=alone))]
     found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
     violations = in_time_order(violations_of(found))
     known = [one.span for one in violations if one.span]
@@ -156,8 +158,17 @@ def _near_s(monitor: Worsening) -> float:
     return max(monitor.t_off_s - TOLERANCE_S, TOLERANCE_S)
 
 
-def _shown_of(violation: Finding, hidden: Sequence[Span], broken: Sequence[Span]) -> Finding:
-    """A violation without what is hidden of it: a sample shows its own instant."""
+def _shown_of(
+    violation: Finding, hidden: Sequence[Span], broken: Sequence[Span], *, alone: bool
+) -> Finding | None:
+    """A violation without what is hidden of it; `None`: nothing shows it.
+
+    Args:
+        violation: As samples stand.
+        hidden: Where nothing shows what was.
+        broken: When its limit was broken.
+        alone: Whether a sample by itself shows its own instant.
+    """
     whole = violation.span
     if violation.verdict is not Verdict.VIOLATED or whole is None:
         return violation
@@ -174,13 +185,15 @@ def _shown_of(violation: Finding, hidden: Sequence[Span], broken: Sequence[Span]
     hidden_s, span = _measure(parts), whole
     if own:
         left = [shown for one in own for shown in without(one, meeting(parts, one))]
+        if not (left or alone):
+            return None
         hidden_s = lasts_s - _measure(left)
         span = Span(left[0].start_s, left[-1].end_s) if left else whole
     for most, over_time in (("", "time_in_violation_s"), *DEPTHS):
         if over_time in quantities:
             at_most = quantities.get(most, 1.0)
             quantities[over_time] = max(0.0, quantities[over_time] - at_most * hidden_s)
-    profile = _shallowest(profile_of(violation), parts)
+    profile = _shallowest(profile_of(violation), parts, alone=alone)
     return replace(violation, span=span, quantities=quantities, profile=profile)
 
 
@@ -300,8 +313,8 @@ def _measure(spans: Iterable[Span]) -> float:
     return exact_sum(one.duration_s for one in merged(spans))
 
 
-def _shallowest(profile: DepthProfile, hidden: Sequence[Span]) -> DepthProfile:
-    """No depth where it is hidden, but for the instant that was the deepest: there was a sample."""
+def _shallowest(profile: DepthProfile, hidden: Sequence[Span], *, alone: bool) -> DepthProfile:
+    """No depth where it is hidden, but for the instant that was the deepest, if its sample alone shows it."""
     deepest = max(range(len(profile.t_s)), key=lambda k: profile.depth[k])
     at_s, most = profile.t_s[deepest], profile.depth[deepest]
     steps = {
@@ -309,6 +322,8 @@ def _shallowest(profile: DepthProfile, hidden: Sequence[Span]) -> DepthProfile:
     }
     shown = {t: 0.0 if _is_in(hidden, t) else steps[t] for t in sorted(steps)}
     t_s, depth = [*shown], [*shown.values()]
+    if not alone and _is_in(hidden, at_s):
+        return DepthProfile(tuple(t_s), (*depth[:-1], 0.0))
     here = t_s.index(at_s)
     return DepthProfile((*t_s[:here], at_s, *t_s[here:]), (*depth[:here], most, *depth[here:-1], 0.0))
 
