@@ -103,10 +103,16 @@ def _lasting(findings: Sequence[Finding]) -> float:
     return exact_sum(one.quantities.get("time_in_violation_s", 0.0) for one in violations_of(findings))
 
 
+def _pressing(findings: Iterable[Finding]) -> float:
+    """The depth of violations over time, s; where a violation has none, with the pauses that it bridges."""
+    profiles = [profile_of(one) for one in violations_of(findings)]
+    return exact_sum((ends_s - begins_s) * deep for one in profiles for begins_s, ends_s, deep in one.steps())
+
+
 def _least_of(readings: Sequence[list[Finding]]) -> list[Finding]:
     """The violations that last the shortest, and no more of them than in any other reading."""
     number = min(len(violations_of(one)) for one in readings)
-    shortest = min(readings, key=lambda one: (_lasting(one), len(violations_of(one))))
+    shortest = min(readings, key=lambda one: (_lasting(one), _pressing(one), len(violations_of(one))))
     rest = violations_of(shortest)[max(number, 1) - 1 :]
     if len(rest) < 2:
         return shortest
@@ -315,17 +321,14 @@ def _measure(spans: Iterable[Span]) -> float:
 
 def _shallowest(profile: DepthProfile, hidden: Sequence[Span], *, alone: bool) -> DepthProfile:
     """No depth where it is hidden, but for the instant that was the deepest, if its sample alone shows it."""
-    deepest = max(range(len(profile.t_s)), key=lambda k: profile.depth[k])
-    at_s, most = profile.t_s[deepest], profile.depth[deepest]
-    steps = {
-        t: profile.at(t) for t in (*profile.t_s, *(t for one in hidden for t in (one.start_s, one.end_s)))
-    }
-    shown = {t: 0.0 if _is_in(hidden, t) else steps[t] for t in sorted(steps)}
-    t_s, depth = [*shown], [*shown.values()]
-    if not alone and _is_in(hidden, at_s):
-        return DepthProfile(tuple(t_s), (*depth[:-1], 0.0))
-    here = t_s.index(at_s)
-    return DepthProfile((*t_s[:here], at_s, *t_s[here:]), (*depth[:here], most, *depth[here:-1], 0.0))
+    ends = {t for one in hidden for t in (one.start_s, one.end_s)}
+    t_s = sorted({*profile.t_s, *ends})
+    depth = [0.0 if _is_in(hidden, t) else profile.at(t) for t in t_s]
+    most, at_s = max(zip(profile.depth, profile.t_s, strict=True), key=lambda one: one[0])
+    if alone and max(depth) < most:
+        here = t_s.index(at_s)
+        t_s, depth = [*t_s[:here], at_s, *t_s[here:]], [*depth[:here], most, *depth[here:]]
+    return DepthProfile(tuple(t_s), (*depth[:-1], 0.0))
 
 
 def _is_in(spans: Sequence[Span], t_s: float) -> bool:
