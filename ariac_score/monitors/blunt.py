@@ -212,13 +212,16 @@ def _most(
     would have one less.
     """
     seen = [one for limit in judged for one in limit.findings]
-    if not all(limit.is_told for limit in judged):  # it judges by other than its limits
-        judged = [Judged((), seen)]
+    open_verdicts = {Verdict.INCONCLUSIVE}
+    if not all(limit.is_told for limit in judged):  # it judges courses, of which a gap may hide a part
+        judged, open_verdicts = [Judged((), seen)], {Verdict.INCONCLUSIVE, Verdict.SATISFIED}
     rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
     for limit in judged:
         violations = in_time_order(violations_of(limit.findings))
         undecided = in_time_order(
-            one for one in limit.findings if one.verdict is Verdict.INCONCLUSIVE and one.span is not None
+            one
+            for one in limit.findings
+            if one.verdict in open_verdicts and one.span is not None and meeting(hidden, one.span)
         )
         spans = limit.broken or merged(one.span for one in violations if one.span)
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
