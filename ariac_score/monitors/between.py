@@ -92,17 +92,16 @@ def worlds_between(
         yield from seen
     elif filled is not None and judge is not None:
         best, worst = judge(filled, False), judge(filled, True)
+        kept, broken = _decided(best, Verdict.SATISFIED), _decided(worst, Verdict.VIOLATED)
         # Numbers of violations are not monotone: pauses may have been in a gap, or not.
-        further = split_by_pauses(best, worst, t_off_s)
-        best = joined_where_one(best, worst)
-        if not further and alike(best, worst):
+        further = split_by_pauses(kept, broken, t_off_s)
+        if not split_by_pauses(best, worst, t_off_s) and alike(joined_where_one(best, worst), worst):
             undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in seen)
             yield from worst if undecided else seen
             return
         yield from seen
         causes = causes_of_cells(opened, window, tuple(unseen.remarks))
-        worst = _decided([*worst, *further], Verdict.VIOLATED)
-        yield Worlds(subject, _decided(best, Verdict.SATISFIED), worst, causes)
+        yield Worlds(subject, tuple(joined_where_one(kept, broken)), (*broken, *further), causes)
     else:
         yield from seen
         monitor = Worsening({}, measures, t_off_s, clause, critical=critical)

@@ -127,7 +127,7 @@ class SubjectMonitor:
         return ()
 
     @property
-    def may_hide(self) -> Sequence[Mapping[str, float]]:
+    def may_hide(self) -> Sequence[Mapping[str, float | tuple[float, ...]]]:
         """What signals may have been in a gap, by template, so that what follows is judged otherwise.
 
         Such as a rest after which nothing may move. Each is tried, where nothing bounds what was in a gap.

@@ -161,19 +161,15 @@ class Watched:
         if signal is None or values is None or not len(self):
             return []
         unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
-        # As for a signal that is needed, both ends count as samples: one that begins a moment later than the
-        # others, or ends earlier, has no gap.
+        # Both ends count as samples: one that begins within an interval of the others has no gap.
         whole = within or Span(float(self.t[0]), self.end_s)
-        gaps = signal.gaps(whole, max_gap_s=self.max_gap_s)
-        first_s, last_s = max(whole.start_s, float(signal.t[0])), min(whole.end_s, float(signal.t[-1]))
-        if first_s < last_s:
-            between = signal.gaps(Span(first_s, last_s), max_gap_s=self._shown_within_s(signal))
-            gaps = sorted({*gaps, *between})
+        gaps = signal.gaps(whole, max_gap_s=self._shown_within_s(signal))
         return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
 
     def _shown_within_s(self, signal: Signal) -> float:
-        """How far apart its samples may be; in a world it has a value in every cell."""
-        return self.max_gap_s if self.filled is not None else shown_within_s(signal, self.max_gap_s)
+        """How far apart its samples may be; what was filled for a world has a value in every cell."""
+        filled = self.filled is not None and np.array_equal(signal.t, self.t)
+        return self.max_gap_s if filled else shown_within_s(signal, self.max_gap_s)
 
     def hidden_findings(self, template: str, due: BoolArray, clause: str) -> list[Finding]:
         """What the gaps of an optional signal leave open, as findings."""

@@ -87,7 +87,9 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return None
     if opened and not watched.unknown and monitor.signals.keys() >= signals.keys():
         try:
-            found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window))
+            found = _bounded(
+                watched, judge, monitor, _Grid(unseen, signals, opened, window, _changes(watched, monitor))
+            )
         except UndecidedError:  # of a moment that no sample shows: nothing bounds what was there
             found = None
         if found is not None:
@@ -126,7 +128,7 @@ def _blunt(
             seen, spans = [], [window]
         readings.append(list(_by_limit(seen)))
     if monitor.at_worst is not None:
-        at_worst = monitor.at_worst(replace(watched, gaps=[]), spans)
+        at_worst = monitor.at_worst(going_on, spans)
     if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
         kept = tuple(at_worst)
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
@@ -135,7 +137,9 @@ def _blunt(
     return Opened(worlds, tuple(seen), agree=False, said=said)
 
 
-def _hiding(watched: Watched, hidden: Sequence[Span], values: Mapping[str, float]) -> Watched:
+def _hiding(
+    watched: Watched, hidden: Sequence[Span], values: Mapping[str, float | tuple[float, ...]]
+) -> Watched:
     """The same with some values of signals wherever nothing shows them."""
     if not len(watched):
         return watched
@@ -172,6 +176,14 @@ def _broken_spans(limit: JudgedLimit) -> list[Span]:
     return merged(map(Span, limit.watched.t[rows].tolist(), ends.tolist()), within_s=TOLERANCE_S)
 
 
+def _changes(watched: Watched, monitor: Worsening) -> list[FloatArray]:
+    """When what a monitor reads besides may change, each shape (k,), s: flags, events, and what helps it."""
+    trial = watched.trial
+    flags = (trial.find_signal(f"{flag}/{watched.subject.name}") for flag in monitor.flags)
+    helpful = [one.t for one in (*watched.optional.values(), *flags) if one is not None]
+    return [*helpful, np.array([event.t_s for event in trial.events])]
+
+
 # Bounded by how fast bodies move ---------------------------------------------------------------
 
 
@@ -183,11 +195,12 @@ class _Grid:
     signals: Mapping[str, Signal]
     opened: Sequence[Stream]
     window: Span
+    changes: Sequence[FloatArray]
 
     def cells(self) -> Cells:
         rate = max(self.unseen.rate_m_s(signal) for signal in self.signals.values())
         measured = [t for signal in self.signals.values() for t in self.unseen.measured(signal)]
-        return cells_of(self.window, measured, self.opened, rate, self.unseen.trial.clocks)
+        return cells_of(self.window, [*measured, *self.changes], self.opened, rate, self.unseen.trial.clocks)
 
 
 def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) -> Opened | None:
@@ -223,6 +236,8 @@ def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) ->
         )
 
     best, worst = _statements(world(False), judge), _statements(world(True), judge)
+    if any(one.verdict is Verdict.INCONCLUSIVE for one in _findings(worst)):
+        return None  # something else lacks that it reads
     most, least = (_limits(one) for one in (worst, best))
     fewest = joined_where_one(_findings(best), _findings(worst))
     extra = _further(least, most, _findings(worst), monitor)

@@ -46,5 +46,5 @@ class Worsening:
     flags: Sequence[str] = ()
     critical: bool = False
     beside: int = 0
-    may_hide: Sequence[Mapping[str, float]] = ()
+    may_hide: Sequence[Mapping[str, float | tuple[float, ...]]] = ()
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

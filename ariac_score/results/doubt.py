@@ -14,18 +14,13 @@ __all__ = ["as_scored", "counted", "left_open", "undecided_text", "why_withheld"
 
 _PAUSE = "t_off_s"
 """How long a pause must be for two violations to be two, as monitors name it."""
+_CRITICAL = "critical"
+"""Whether violations are critical, likewise."""
 
 
 def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
     """What a log leaves open, and what that counts as by some rules."""
-    stated = {
-        name: setting.value
-        for name, settings in (measured.settings or {}).items()
-        for setting in settings.parameters
-        if setting.name == _PAUSE
-    }
-    given = {name: check.parameters.get(_PAUSE) for name, check in rule_set.checks.items()}
-    pauses = {**given, **stated}
+    pauses, critical = (_stated(measured, rule_set, name) for name in (_PAUSE, _CRITICAL))
     unstated = (one.detail for one in measured.statements if one.fact == "work" and one.by == NOBODY)
     work_open = measured.cut.work_open if measured.cut is not None else ""
     is_cut = measured.cut is not None and measured.cut.open_end
@@ -33,6 +28,7 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
         findings=measured.open,
         counts=rule_set.counts,
         monitors=rule_set.monitors,
+        uncritical=frozenset(name for name, is_critical in critical.items() if is_critical is False),
         pauses_s={name: float(s) for name, s in pauses.items() if isinstance(s, int | float)},
         watched=measured.watched or measured.window,
         # Where a log is cut off, what is undecided up to there has an end.
@@ -41,6 +37,18 @@ def left_open(measured: Measured, rule_set: RuleSet) -> LeftOpen:
         work_open=work_open or next(unstated, ""),
         lasted=measured.lasted,
     )
+
+
+def _stated(measured: Measured, rule_set: RuleSet, parameter: str) -> dict[str, object]:
+    """The value of a parameter by check: as a result states it, else as the rule set gives it."""
+    given = {name: check.parameters.get(parameter) for name, check in rule_set.checks.items()}
+    stated = {
+        name: setting.value
+        for name, settings in (measured.settings or {}).items()
+        for setting in settings.parameters
+        if setting.name == parameter
+    }
+    return {**given, **stated}
 
 
 def as_scored(result: Result, rule_set: RuleSet) -> LeftOpen:

@@ -36,6 +36,7 @@ class LeftOpen:
         counts: Which end of the interval is the score: `worst`, `best`, or `withhold` for none.
         monitors: The checks of which one undecided finding may stand for any number of violations; of all
             others it stands for one verdict.
+        uncritical: Those of which no violation is critical.
         pauses_s: By check how long a pause must be for two violations to be two.
         watched: The time in which violations may have been.
         endless: Whether nobody knows when the competition started or ended: then nothing says how much more
@@ -51,6 +52,7 @@ class LeftOpen:
     findings: tuple[OpenFindings, ...] = ()
     counts: str = "worst"
     monitors: frozenset[str] = frozenset()
+    uncritical: frozenset[str] = frozenset()
     pauses_s: Mapping[str, float] = field(default_factory=dict)
     watched: Span | None = None
     endless: bool = False
@@ -238,7 +240,7 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mappin
         verdict=Verdict.VIOLATED,
         span=span,
         quantities=quantities,
-        critical=True,
+        critical=finding.check not in left_open.uncritical,
     )
     return Variable(
         key=key,

@@ -156,6 +156,31 @@ class StopPerformance(SubjectMonitor):
         if not requests:
             yield nothing_happened(signals, self.only_after, self.clause)
 
+    def at_worst(self, signals: Watched, hidden: Sequence[Span]) -> list[Finding] | None:
+        """Each stop that is bad as samples stand, or of whose course a part is hidden."""
+        window = signals.trial.window
+        found = []
+        for request in events_about(signals, self.only_after):
+            stop = self._stop(signals, request)
+            ended_s = request.t_s if stop.span is None else stop.span.end_s
+            course = Span(request.t_s, max(ended_s, request.t_s) + max(self.hold_s, self.power_wait_s))
+            if stop.verdict is Verdict.INCONCLUSIVE or any(one.overlaps(course) for one in hidden):
+                found.append(self._bad(signals, request, window or course))
+            else:
+                found.append(stop)
+        return found or None
+
+    def _bad(self, watched: Watched, request: Event, until: Span) -> Finding:
+        name = request.kind.replace("_", " ")
+        return Finding(
+            watched.subject.name,
+            Verdict.VIOLATED,
+            f"{name} at {request.t_s:.3f} s: nothing shows that it stopped as it must",
+            span=Span(request.t_s, max(request.t_s, until.end_s)),
+            clause=self.clause,
+            critical=request.kind == EMERGENCY_STOP,
+        )
+
     def _stop(self, watched: Watched, request: Event) -> Finding:
         subject, window = watched.subject.name, watched.trial.window
         name = request.kind.replace("_", " ")

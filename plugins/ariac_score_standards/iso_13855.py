@@ -257,6 +257,17 @@ class SafeguardDistance(LimitMonitor):
         """The line or the zone, where one is not given."""
         return "" if self.line and self.hazard else "the sensing line or the hazard zone is not given"
 
+    @property
+    def may_hide(self) -> tuple[dict[str, tuple[float, ...]], ...]:
+        """A step through the middle of the line."""
+        if self.lacks:
+            return ()
+        middle, zone = (
+            np.mean(np.asarray(one, dtype=np.float64), axis=0) for one in (self.line, self.hazard)
+        )
+        just_past = middle + _ROUNDING_M * (zone - middle)
+        return ({"position/{human}": (float(just_past[0]), float(just_past[1]), 0.0)},)
+
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
         if not self.lacks:

@@ -230,7 +230,7 @@ class PflContact(LimitMonitor):
             limits = body_limits(self.region)
             return limits, True, limits
         # The event may be stamped before the force passes its threshold.
-        start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + watched.max_gap_s
+        start_s, end_s = watched.t[rows[0]] - self.t_off_s, watched.t[rows[-1]] + self.max_gap_s
         events = _contact_events(watched.trial, watched.subject)
         named = [e.detail for e in events if start_s <= e.t_s <= end_s and e.detail]
         if named:  # of several, the weakest: which force met which region is not recorded
@@ -318,7 +318,12 @@ class PflContact(LimitMonitor):
         gap = watched.get(_GAP_CLOSING)
         if gap is not None:
             clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
-            may_be |= np.isnan(gap[rows])
+            lacks = np.isnan(gap)
+            # Whether it closes shows at the samples before and after.
+            beside = lacks.copy()
+            beside[1:] |= lacks[:-1]
+            beside[:-1] |= lacks[1:]
+            may_be |= beside[rows]
         return clamped, may_be
 
 
@@ -425,9 +430,9 @@ def _pressure_hidden(watched: Watched, rows: Rows, pressure: FloatArray) -> Bool
     due = np.zeros(len(watched), dtype=bool)
     due[rows[hidden]] = True
     t = watched.t[rows]
-    for template in recorded:  # either is enough
-        # Of the contact alone: a sensor may well be silent until something touches it.
-        gaps = watched.hidden_by_gaps(template, due, Span(float(t[0]), float(t[-1])))
-        inside = [(t >= gap.start_s) & (t <= gap.end_s) for gap in gaps]
-        hidden &= np.any([np.zeros(len(t), dtype=bool), *inside], axis=0)
-    return hidden
+    # Of the contact alone: a sensor may well be silent until something touches it.
+    touched = Span(float(t[0]), float(t[-1] + watched.durations_s[rows[-1]]))
+    gaps = [gap for template in recorded for gap in watched.hidden_by_gaps(template, due, touched)]
+    inside = [(t >= gap.start_s) & (t <= gap.end_s) for gap in gaps]
+    lacks: BoolArray = hidden & np.any([np.zeros(len(t), dtype=bool), *inside], axis=0)
+    return lacks

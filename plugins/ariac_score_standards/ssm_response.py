@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ariac_score import FloatArray, Measure, Span, parameter
-from ariac_score.monitors import Bound, Episode, JudgedLimit, Reach, Rows, Watched, first_of_runs
+from ariac_score.monitors import Bound, Episode, JudgedLimit, Reach, Rows, Watched, Worse, first_of_runs
 from ariac_score_standards.parameters import SPEED
 from ariac_score_standards.ssm_formula import SsmFormula
 from ariac_score_standards.travel import travelled_m
@@ -38,10 +38,17 @@ class SsmResponse(SsmFormula):
     what, unit = "robot speed after a breach", "m/s"
     idle = "the distance was always enough"
     reach = Reach("run")  # the allowed speed depends on when the breach began, and on the speed then
+    # A breach at a higher speed permits more afterwards, so that no end of a speed is the worse one.
+    worse: ClassVar[dict[str, Worse]] = {}
     severities: ClassVar[Mapping[str, Measure]] = {
         "travel_m": Measure("m", best=0.0, meaning="way covered during the breaches"),
         "extra_travel_m": Measure("m", best=0.0, meaning="way beyond what a stop takes"),
     }
+
+    @property
+    def may_hide(self) -> tuple[dict[str, float]]:
+        """The beginning of a breach, from rest."""
+        return (dict.fromkeys(self.wanted, 0.0),)
 
     def allowed_speed_m_s(self, since_breach_s: FloatArray, speed_at_breach_m_s: FloatArray) -> FloatArray:
         """Speed allowed at a time since the breach, shape (n,), m/s."""
@@ -58,7 +65,7 @@ class SsmResponse(SsmFormula):
         now = self.moments(signals)
         # The scalar speed: the standard wants the robot stopped, not turned aside.
         breach, speed = now.distance_m < now.required_m, now.robot_scalar_m_s
-        first = first_of_runs(signals.t, breach, self.max_gap_s)
+        first = first_of_runs(signals.t, breach, signals.max_gap_s)
         # To the nanosecond: the last bits of the difference depend on when the clock began.
         since_s = np.round(signals.t - signals.t[first], 9)
         allowed = self.allowed_speed_m_s(since_s, speed[first])

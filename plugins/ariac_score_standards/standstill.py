@@ -72,6 +72,7 @@ class MonitoredStandstill(LimitMonitor):
     clause = "derived from ISO 10218-2:2025, monitored standstill"
     idle = "nobody was in the workspace for long enough"
     encounter = Encounter()
+    may_hide = ({SPEED: 0.0},)  # the rest from which drift counts
     reach = Reach("run")  # rest is due some time after the person came in; drift counts from that rest
     severities: ClassVar[Mapping[str, Measure]] = {
         **severity_measures("rad/s"),
