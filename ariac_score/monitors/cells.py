@@ -17,12 +17,14 @@ from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, withi
 __all__ = [
     "INSTANT_S",
     "TOLERANCE_S",
+    "USUAL_INTERVALS",
     "Cells",
     "Stream",
     "cells_of",
     "longest_held_s",
     "shown_within_s",
     "standing",
+    "usual_interval_s",
 ]
 
 TOLERANCE_S = 1e-9
@@ -166,8 +168,13 @@ def shown_within_s(signal: Signal, max_gap_s: float) -> float:
     """
     if isinstance(signal, Computed) or len(signal) < 2:
         return max_gap_s
+    return longest_held_s(usual_interval_s(signal), max_gap_s)
+
+
+def usual_interval_s(signal: Signal) -> float:
+    """The usual interval of the samples of a signal, s: as stated, or as they came where that is shorter."""
     stated_s = 1.0 / signal.stated_rate_hz if signal.stated_rate_hz else math.inf
-    return longest_held_s(min(float(np.median(np.diff(signal.t))), stated_s), max_gap_s)
+    return min(float(np.median(np.diff(signal.t))), stated_s) if len(signal) > 1 else stated_s
 
 
 # Cells -----------------------------------------------------------------------------------------

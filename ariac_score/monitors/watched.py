@@ -7,6 +7,7 @@ which stay as they are until they change, come from `state_over`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import MissingSignalError
-from ariac_score.monitors.cells import shown_within_s
+from ariac_score.monitors.cells import USUAL_INTERVALS, shown_within_s, usual_interval_s
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
@@ -155,14 +156,15 @@ class Watched:
         Args:
             template: Of the signal.
             due: Where a limit applies to it, shape (n,).
-            within: The time it has to cover; `None`: all.
+            within: The time it has to cover; `None`, or of a signal whose rate is stated: all.
         """
         signal, values = self.optional.get(template), self.get(template)
         if signal is None or values is None or not len(self):
             return []
         unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
         # Both ends count as samples: one that begins within an interval of the others has no gap.
-        whole = within or Span(float(self.t[0]), self.end_s)
+        whole = Span(float(self.t[0]), self.end_s)
+        whole = within if within and not signal.stated_rate_hz else whole
         gaps = signal.gaps(whole, max_gap_s=self._shown_within_s(signal))
         return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
 
@@ -170,6 +172,20 @@ class Watched:
         """How far apart its samples may be; what was filled for a world has a value in every cell."""
         filled = self.filled is not None and np.array_equal(signal.t, self.t)
         return self.max_gap_s if filled else shown_within_s(signal, self.max_gap_s)
+
+    @cached_property
+    def usual_s(self) -> float:
+        """The usual interval of that of its signals which comes least often, s; infinite of one sample."""
+        signals = [self.trial.signals[name] for name in self.names.values()]
+        return max((usual_interval_s(one) for one in signals), default=math.inf)
+
+    @property
+    def shown_before(self) -> BoolArray:
+        """Whether no sample lacks just before each one, shape (n,); where nobody asks for worlds none."""
+        shown = np.ones(len(self), dtype=bool)
+        if self.trial.between is not None:
+            shown[1:] = np.diff(self.t) <= USUAL_INTERVALS * self.usual_s + TOLERANCE_S
+        return shown
 
     def hidden_findings(self, template: str, due: BoolArray, clause: str) -> list[Finding]:
         """What the gaps of an optional signal leave open, as findings."""

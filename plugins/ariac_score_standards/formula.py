@@ -526,16 +526,14 @@ class Within(Formula):
         """Each late response, with a trigger as early, and as often, as what is hidden lets it have been."""
         window = signals.trial.window
         ends_s = signals.end_s if window is None else window.end_s
-        triggered = self._of(self.trigger, signals).true
-        runs = [span for span, _ in rows_of_episodes(signals, triggered, t_off_s=self.t_off_s)]
-        # One that is too brief to count may have gone on where nothing shows it.
-        seen_s = [
-            one.start_s
-            for one in runs
-            if one.duration_s >= self.t_on_s - TOLERANCE_S or any(one.overlaps(gap) for gap in hidden)
-        ]
+        counted_s = [began_s for began_s, _ in self._answers(signals)]
         # What was seen to begin twice can begin so soon again.
-        pause_s = min([max(self.t_on_s + self.t_off_s, _usual_s(signals)), *np.diff(seen_s).tolist()])
+        pause_s = min([max(self.t_on_s + self.t_off_s, signals.usual_s), *np.diff(counted_s).tolist()])
+        # A run that is too brief to count may have gone on where nothing shows it.
+        triggered = self._of(self.trigger, signals).true
+        runs = rows_of_episodes(signals, triggered, t_off_s=self.t_off_s)
+        cut_s = [run.start_s for run, _ in runs if any(run.overlaps(gap) for gap in hidden)]
+        seen_s = sorted({*counted_s, *cut_s})
         asked = asked_at_worst(seen_s, hidden, self._answered(signals), ends_s)
         late = [
             self._too_late(signals, span, f"came after {span.duration_s:.3f} s at worst", late_s)
@@ -587,13 +585,6 @@ class Within(Formula):
             clause=self.rules.clause,
             critical=self.critical,
         )
-
-
-def _usual_s(watched: Watched) -> float:
-    """The usual interval of the samples, s: as stated, or as they came."""
-    stated = [watched.trial.signals[name].stated_rate_hz for name in watched.names.values()]
-    came_s = float(np.median(np.diff(watched.t))) if len(watched) > 1 else math.inf
-    return min([came_s, *(1.0 / rate_hz for rate_hz in stated if rate_hz)])
 
 
 def _until(answered: FloatArray, began_s: float) -> float:

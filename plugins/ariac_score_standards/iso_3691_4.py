@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ariac_score import FloatArray, Measure, SignalNeed, parameter
+from ariac_score import Finding, FloatArray, Measure, SignalNeed, parameter
 from ariac_score.monitors import (
     STANDSTILL_SPEED_M_S,
     TOLERANCE_S,
@@ -20,6 +20,7 @@ from ariac_score.monitors import (
     LimitMonitor,
     Meeting,
     Reach,
+    Rows,
     Statement,
     UndecidedError,
     Watched,
@@ -28,6 +29,7 @@ from ariac_score.monitors import (
     exposure,
     first_of_runs,
     pairs,
+    rows_of_episodes,
     violations_only,
 )
 from ariac_score_standards.geometry import check_polygon, depth_inside_m
@@ -240,6 +242,15 @@ class AgvProtectiveField(LimitMonitor):
 
     def margin(self, signals: Watched) -> Bound:
         """Way left to a person - what a stop takes, m."""
+        way, needed, entry = self._ways(signals)
+        # A person may step in too near for any truck: what counts is that it brakes after its reaction time.
+        ignored = entry.is_late & ~entry.brakes
+        shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is required
+        in_corridor = np.isfinite(way) & (ignored | (way >= needed))
+        return self.at_least(shown, needed, where=in_corridor, named="stopping_distance")
+
+    def _ways(self, signals: Watched) -> tuple[FloatArray, FloatArray, _Entry]:
+        """The way left, and that a stop takes, m, and what the truck does since a person is too near."""
         velocity = signals["velocity/{agv}"]
         speed = _plane_speed(velocity)
         places = signals["position/{agv}"], signals["position/{human}"]
@@ -247,12 +258,18 @@ class AgvProtectiveField(LimitMonitor):
         needed = self.stopping_distance_m(speed)
         entered = (way < needed) & (speed > self.standstill_speed_m_s)
         first = first_of_runs(signals.t, entered, signals.max_gap_s)
-        braking = speed < speed[first] - self.slowing_m_s
-        # A person may step in too near for any truck: what counts is that it brakes after its reaction time.
-        ignored = entered & (signals.t - signals.t[first] >= self.reaction_s - TOLERANCE_S) & ~braking
-        shown = np.where(np.isfinite(way), way, needed)  # outside the corridor nothing is required
-        in_corridor = np.isfinite(way) & (ignored | (way >= needed))
-        return self.at_least(shown, needed, where=in_corridor, named="stopping_distance")
+        is_late = entered & (signals.t - signals.t[first] >= self.reaction_s - TOLERANCE_S)
+        return way, needed, _Entry(first, is_late, speed < speed[first] - self.slowing_m_s)
+
+    def _unknown_entries(self, signals: Watched) -> list[Finding]:
+        """Where it would have to brake by now, and how fast it was when somebody came in a gap hides."""
+        _, _, entry = self._ways(signals)
+        unknown = entry.is_late & entry.brakes & ~signals.shown_before[entry.first]
+        message = "nothing shows how fast the truck was when somebody came into its way"
+        return [
+            Finding.inconclusive(signals.subject.name, message, span=span, clause=self.clause)
+            for span, _ in rows_of_episodes(signals, unknown, t_off_s=0.0)
+        ]
 
     def _touch(self, apart_m: FloatArray, moving: BoolArray) -> Bound:
         """The distance of surfaces while the truck moves."""
@@ -278,7 +295,7 @@ class AgvProtectiveField(LimitMonitor):
             return {"severity": severity, "labels": labels}
 
         moving = meeting.robot_speed_m_s > self.standstill_speed_m_s
-        hidden = signals.hidden_findings(_APART, moving, self.clause)
+        hidden = signals.hidden_findings(_APART, moving, self.clause) + self._unknown_entries(signals)
         of_way = self.findings(signals, self.margin(signals), **adds(contact=False))
         yield from violations_only(of_way) if hidden else of_way
         yield from hidden
@@ -298,6 +315,21 @@ class AgvProtectiveField(LimitMonitor):
         speed, apart_m = _plane_speed(velocity), np.maximum(approach.distance_m - radii_m, 0.0)
         both = Meeting(speed, approach.robot_m_s, approach.human_m_s, self.standstill_speed_m_s)
         return both, exposure(signals, apart_m, speed, standstill_m_s=self.standstill_speed_m_s)
+
+
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    """What a truck does since a person came into its way, sample by sample, each shape (n,).
+
+    Attributes:
+        first: The sample at which the person came; itself where nobody is.
+        is_late: Whether the reaction time is over since.
+        brakes: Whether it is slower than then.
+    """
+
+    first: Rows
+    is_late: BoolArray
+    brakes: BoolArray
 
 
 def _plane_speed(velocity_m_s: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ from ariac_score.monitors import (
     first_of_runs,
     no_severities,
     pairs,
+    rows_of_episodes,
     severity_measures,
     violations_only,
 )
@@ -72,7 +73,6 @@ class MonitoredStandstill(LimitMonitor):
     clause = "derived from ISO 10218-2:2025, monitored standstill"
     idle = "nobody was in the workspace for long enough"
     encounter = Encounter()
-    may_hide = ({SPEED: 0.0},)  # the rest from which drift counts
     reach = Reach("run")  # rest is due some time after the person came in; drift counts from that rest
     severities: ClassVar[Mapping[str, Measure]] = {
         **severity_measures("rad/s"),
@@ -135,6 +135,11 @@ class _Standing:
         moving: BoolArray = self.watched[SPEED] > self.monitor.standstill_speed_m_s
         return moving
 
+    @property
+    def _resting(self) -> BoolArray:
+        """Where it must be at rest, and is no faster than that."""
+        return self.held & ~self._moving
+
     def speed(self) -> Bound:
         """The speed while it must be 0."""
         return self.monitor.at_most(self.watched[SPEED], self.monitor.standstill_speed_m_s, where=self.held)
@@ -158,12 +163,23 @@ class _Standing:
 
     def hidden(self, clause: str) -> list[Finding]:
         """What gaps of its joints, or of its place, leave open."""
-        resting = self.held & ~self._moving
-        return [
+        watched = self.watched
+        found = [
             finding
             for template in (_JOINTS, _PLACE)
-            for finding in self.watched.hidden_findings(template, resting, clause)
+            for finding in watched.hidden_findings(template, self._resting, clause)
         ]
+        place = watched.get(_PLACE)
+        return found if place is None else [*found, *self._unanchored(place, clause)]
+
+    def _unanchored(self, place: FloatArray, clause: str) -> Iterator[Finding]:
+        """The rests of which nothing shows where they began, so that any drift may have been."""
+        subject = self.watched.subject.name
+        shown = self.watched.shown_before & np.isfinite(place).all(axis=1)
+        for span, rows in rows_of_episodes(self.watched, self._resting, t_off_s=0.0):
+            if not shown[rows[0]]:
+                message = f"nothing shows where it came to rest, before {span.start_s:.3f} s"
+                yield Finding.inconclusive(subject, message, span=span, clause=clause)
 
     def _joints(self, joints: FloatArray) -> Bound:
         """The speed of the joints, where the robot itself keeps its limit."""
@@ -179,7 +195,7 @@ class _Standing:
 
     def _drift(self, place: FloatArray) -> Bound:
         """Creep below the standstill speed, from where the robot last came to rest."""
-        resting = self.held & ~self._moving
+        resting = self._resting
         anchored = ~resting
         anchored[1:] |= ~resting[:-1]  # it comes to rest here
         anchored[:1] = True

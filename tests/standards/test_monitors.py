@@ -1612,7 +1612,7 @@ def test_a_gap_in_the_pressure_leaves_open_no_force_that_is_too_large_and_no_oth
     assert verdicts(chest, silent) == [SATISFIED]
 
 
-@pytest.mark.parametrize(("begins_s", "verdict"), [(0.45, SATISFIED), (0.46, INCONCLUSIVE)])
+@pytest.mark.parametrize(("begins_s", "verdict"), [(0.41, SATISFIED), (0.42, INCONCLUSIVE)])
 def test_the_pressure_may_begin_no_later_in_a_contact_than_a_gap_may_last(
     begins_s: float, verdict: Verdict
 ) -> None:
@@ -1667,7 +1667,9 @@ def test_drift_is_measured_from_the_first_place_that_is_known() -> None:
     trial = with_gap(trial_of(columns), "position/r", 0.0, 0.025)
 
     assert not violated(MonitoredStandstill(workspace=SQUARE, drift_m=0.01), trial)
-    assert violated(MonitoredStandstill(workspace=SQUARE, grace_s=0.0), trial)
+    # Where it came to rest nothing shows, so that it may have drifted further than from there.
+    found = MonitoredStandstill(workspace=SQUARE, grace_s=0.0).watch(trial)
+    assert {one.verdict for one in found} == {VIOLATED, INCONCLUSIVE}
 
 
 def test_a_gap_in_the_distance_of_a_moving_truck_over_contact_is_undecided() -> None:
