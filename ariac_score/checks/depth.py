@@ -10,6 +10,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -92,9 +93,14 @@ def depth_profile(t_s: FloatArray, lasts_s: FloatArray, depth: FloatArray) -> De
 
 
 def joined_profiles(profiles: Sequence[DepthProfile]) -> DepthProfile:
-    """One profile of violations that do not overlap, in time order."""
+    """One profile of several violations: the deepest of those that overlap, none in pauses between them."""
+    ordered = sorted(profiles, key=lambda one: one.t_s)
+    if any(one.t_s[-1] > other.t_s[0] for one, other in pairwise(ordered)):
+        t_s = sorted({t for one in ordered for t in one.t_s})
+        deepest = [max(one.at(t) for one in ordered) for t in t_s[:-1]]
+        return _stepped(list(zip(t_s, t_s[1:], deepest, strict=False)))
     steps: list[tuple[float, float, float]] = []
-    for profile in sorted(profiles, key=lambda one: one.t_s):
+    for profile in ordered:
         if steps and profile.t_s[0] > steps[-1][1]:
             steps.append((steps[-1][1], profile.t_s[0], 0.0))
         steps += zip(profile.t_s, profile.t_s[1:], profile.depth, strict=False)

@@ -39,6 +39,7 @@ from ariac_score.monitors import (
     Watched,
     bodies,
     rows_of_episodes,
+    state_over,
 )
 from ariac_score_standards.parameters import GAP, SPEED, TIME
 from ariac_score_standards.travel import travelled_m
@@ -260,13 +261,18 @@ class StopPerformance(SubjectMonitor):
     def _category(self, watched: Watched, request: Event, reached: float) -> int | None:
         """The category shown by the drives' power; `None` when the log does not show it."""
         until_s = reached + self.power_wait_s
-        inside = (watched.t >= request.t_s) & (watched.t <= until_s)
-        t, state = watched.t[inside], watched.state("drive_enabled", self.max_flag_age_s)
-        if state is None or not len(t) or not state.known[inside].all():
+        # When the power went off show the samples of the flag, whatever those of the speed do.
+        flag = watched.trial.find_signal(f"drive_enabled/{watched.subject.name}")
+        times = watched.t if flag is None else np.union1d(watched.t, flag.t)
+        t = times[(times >= request.t_s) & (times <= min(until_s, watched.end_s))]
+        state = state_over(
+            watched.trial, "drive_enabled", watched.subject.name, t, max_age_s=self.max_flag_age_s
+        )
+        if state is None or not len(t) or not state.known.all():
             return None
         if _hidden_within(watched, Span(request.t_s, until_s)):
             return None
-        off = np.flatnonzero(~state.on[inside])
+        off = np.flatnonzero(~state.on)
         # Category 2 is a power that never goes off: the log has to last long enough to say so.
         if not len(off) and t[-1] < until_s - self.max_gap_s:
             return None
