@@ -137,8 +137,9 @@ CONTACTS = rows((50, 60), (100, 110), (150, 160))
 FORCE, PRESSURE = "contact_force/arm/ann", "contact_pressure/arm/ann"
 CHEST = PflContact(region="chest", t_off_s=0.05)
 RESTS = MonitoredStandstill(workspace=SQUARE, t_on_s=0.0, t_off_s=0.05)
-KEPT_POWER = {"speed/arm": ("m/s", np.zeros(N)), "drive_enabled/arm": ("1", np.ones(N))}
-TWO_STOPS = [Event(0.6, "emergency_stop", "arm"), Event(1.0, "emergency_stop", "arm")]
+# Requested at 0.5 and at 0.9 s, each 0.1 s before the latest rest; at rest for 90 ms only in between.
+TOO_LATE = {"speed/arm": ("m/s", 0.5 * rows((0, 56), (65, 107)))}
+TWO_STOPS = [Event(0.5, "emergency_stop", "arm"), Event(0.9, "emergency_stop", "arm")]
 LINE = SafeguardDistance(line=((-2.0, 6.0), (2.0, 6.0)), hazard=SQUARE, stopping_time_s=0.1, t_off_s=0.05)
 ENTRY = 1.0 + 0.03 * rows((101, 104))
 NEAR_FROM_1_S = np.where((T >= 1.0) & (T < 2.5), 1.0, 9.0)
@@ -164,7 +165,7 @@ ATTACKS: Mapping[str, Callable[[], Attack]] = {
         ["speed/arm"],
     ),
     "two stops and one gap": lambda: Attack(
-        StopPerformance(max_time_s=0.1, power_wait_s=0.2), KEPT_POWER, range(64, 108), events=TWO_STOPS
+        StopPerformance(max_time_s=0.1), TOO_LATE, range(64, 108), events=TWO_STOPS
     ),
     "nine of ten samples of what asks for a response": lambda: Attack(
         asks(within_s=0.05, t_off_s=0.0),
