@@ -5,7 +5,7 @@ And after the rules of the USA, which have the same form with other numbers: S =
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -262,10 +262,8 @@ class SafeguardDistance(LimitMonitor):
         """A step through the middle of the line."""
         if self.lacks:
             return ()
-        middle, zone = (
-            np.mean(np.asarray(one, dtype=np.float64), axis=0) for one in (self.line, self.hazard)
-        )
-        just_past = middle + _ROUNDING_M * (zone - middle)
+        of_line, of_zone = _middle_m(self.line), _middle_m(self.hazard)
+        just_past = of_line + _ROUNDING_M * (of_zone - of_line)
         return ({"position/{human}": (float(just_past[0]), float(just_past[1]), 0.0)},)
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
@@ -321,8 +319,7 @@ class SafeguardDistance(LimitMonitor):
         """How far each point is on the hazard's side of the line, and where along it (0 to 1)."""
         a, b = (np.asarray(end, dtype=np.float64) for end in self.line)
         along, offset = b - a, position_m[:, :2] - a
-        axes = [*zip(*self.hazard, strict=False)][:2]
-        middle = np.array([exact_sum(axis) / len(axis) for axis in axes]) - a
+        middle = _middle_m(self.hazard) - a
         side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
         if along[0] * middle[1] - along[1] * middle[0] < 0:
             side = -side
@@ -338,3 +335,9 @@ class SafeguardDistance(LimitMonitor):
         late = signals.t - since >= self.stopping_time_s - TOLERANCE_S
         near = -depth_inside_m(position, self.hazard) < self.minimum().intrusion_m
         return self.at_most(signals["speed/{robot}"], self.standstill_speed_m_s, where=past & (late | near))
+
+
+def _middle_m(corners: Sequence[Sequence[float]]) -> FloatArray:
+    """The middle of some corners on the floor, shape (2,), m."""
+    axes = [*zip(*corners, strict=False)][:2]
+    return np.array([exact_sum(axis) / len(axis) for axis in axes])
