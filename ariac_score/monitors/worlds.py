@@ -116,25 +116,25 @@ def _blunt(
     unknown = [span.duration_s for spans_of in watched.unknown.values() for span in spans_of]
     held = [stream.held_s for stream in opened if stream.open.any()]
     shortest_s = min([watched.max_gap_s, *held, *unknown])
-    readings, seen, at_worst = [], list[Statement](), None
+    judged: list[list[Statement]] = []
     # Whether what was before a gap goes on behind it may be for better or worse: a grace that has begun
     # before, or a contact that is none of its own.
     going_on, not_going_on = (replace(watched, gaps=[], max_gap_s=s) for s in (math.inf, shortest_s))
     hiding = [_hiding(going_on, spans, values) for values in monitor.may_hide]
     for read in (going_on, not_going_on, *hiding):
         try:
-            seen = list(judge(read)) if len(watched) else []
+            judged.append(list(judge(read)) if len(watched) else [])
         except (UndecidedError, MissingSignalError):
-            seen, spans = [], [window]
-        readings.append(list(_by_limit(seen)))
-    if monitor.at_worst is not None:
-        at_worst = monitor.at_worst(going_on, spans)
+            judged.append([])
+            spans = [window]
+    at_worst = monitor.at_worst(going_on, spans) if monitor.at_worst is not None and all(judged) else None
     if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
         kept = tuple(at_worst)
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
+    readings = [list(_by_limit(one)) for one in judged]
     worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans, at_worst)
-    return Opened(worlds, tuple(seen), agree=False, said=said)
+    return Opened(worlds, tuple(judged[1]), agree=False, said=said)
 
 
 def _hiding(
