@@ -40,10 +40,12 @@ class Judged:
     Attributes:
         broken: When it was, as samples stand, however briefly.
         findings: What was found of it.
+        is_limit: Whether it is a limit at all, and not whatever else was found.
     """
 
     broken: Sequence[Span]
     findings: Sequence[Finding]
+    is_limit: bool = False
 
     @property
     def is_told(self) -> bool:
@@ -63,6 +65,8 @@ def blunt_worlds(
     readings: Sequence[Sequence[Judged]],
     opened: Sequence[Stream],
     spans: Sequence[Span],
+    *,
+    courses: Sequence[Span] = (),
     at_worst: Sequence[Finding] | None = None,
 ) -> Worlds:
     """Both worlds where nothing says what can have been in some spans.
@@ -74,6 +78,7 @@ def blunt_worlds(
             a gap goes on behind it, or that it does not.
         opened: The streams that lack samples.
         spans: Where they do; at least one.
+        courses: What is judged each by itself.
         at_worst: What may have been at worst; `None`: whatever was seen, and all of what is hidden.
     """
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
@@ -90,7 +95,7 @@ def blunt_worlds(
         for limits in readings
     ]
     most = (
-        [_most(subject, hidden, monitor, limits) for limits in readings]
+        [_most(subject, hidden, monitor, limits, courses) for limits in readings]
         if at_worst is None
         else [list(at_worst)]
     )
@@ -141,7 +146,7 @@ def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[F
     if not limit.is_told:  # what a gap hides of its course may have made it none
         decided = [one for one in decided if not _touches(one, hidden)]
     # Where a verdict rests on the samples beside it, too, one alone shows no instant of its own.
-    alone = monitor.beside == 0
+    alone = monitor.beside == 0 and monitor.shows_itself
     shown = [one for each in decided if (one := _shown_of(each, hidden, limit.broken, alone=alone))]
     found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
     violations = in_time_order(violations_of(found))
@@ -204,7 +209,11 @@ def _shown_of(
 
 
 def _most(
-    subject: str, hidden: Sequence[Span], monitor: Worsening, judged: Sequence[Judged]
+    subject: str,
+    hidden: Sequence[Span],
+    monitor: Worsening,
+    judged: Sequence[Judged],
+    courses: Sequence[Span] = (),
 ) -> list[Finding]:
     """What was seen to be broken, and all that is hidden, at full depth.
 
@@ -227,7 +236,13 @@ def _most(
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
             inside = beginning_in(violations, whole)
             parts, shown = meeting(hidden, whole), meeting(spans, whole)
-            may_be = beginning_in(undecided, whole)
+            may_be = [one.span for one in beginning_in(undecided, whole) if one.span]
+            if limit.is_limit:  # what no pause parts is one
+                may_be = merged(may_be, within_s=_near_s(monitor))
+            own = [
+                Span(max(one.start_s, whole.start_s), whole.end_s) for one in courses if one.overlaps(whole)
+            ]
+            may_be = max(may_be, own[len(inside) :], key=len)
             rows += _all_of(subject, whole, parts, shown, inside, may_be, monitor, seen) if parts else inside
     return rows
 
@@ -238,7 +253,7 @@ def _all_of(
     parts: Sequence[Span],
     shown: Sequence[Span],
     inside: Sequence[Finding],
-    may_be: Sequence[Finding],
+    may_be: Sequence[Span],
     monitor: Worsening,
     seen: Sequence[Finding],
 ) -> list[Finding]:
@@ -250,7 +265,7 @@ def _all_of(
         parts: What is hidden of it; at least one.
         shown: When the limit was seen to be broken, however briefly.
         inside: The violations that were found.
-        may_be: What is undecided; each may have been one.
+        may_be: When further ones may have been, each of its own.
         monitor: What it measures.
         seen: All that was found.
     """
@@ -284,7 +299,7 @@ def _all_of(
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
     # Of what is no limit, such as a stop, several may be bad at once.
-    at_once = [*counted, *(one.span for one in may_be if one.span)]
+    at_once = [*counted, *may_be]
     return rows + [touch(worst, span.start_s) for span in at_once[len(rows) :]]
 
 

@@ -162,6 +162,11 @@ class SubjectMonitor:
         """
         raise NotImplementedError
 
+    def courses(self, signals: Watched) -> Sequence[Span]:
+        """What it judges each by itself, such as a stop until the next start: each may be violated."""
+        del signals
+        return ()
+
     def at_worst(self, signals: Watched, hidden: Sequence[Span]) -> Sequence[Finding] | None:
         """What may have been at worst, given where nothing shows it: violations, or that there were none.
 
@@ -256,7 +261,8 @@ class _Unseen:
             monitor.may_be_critical,
             max(reach.ahead, int(reach.back == "neighbour")),
             monitor.may_hide,
-            monitor.at_worst,
+            monitor.courses,
+            at_worst=monitor.at_worst,
         )
 
     def nothing(self, trial: Trial, subject: Subject, why: str) -> Iterator[Statement]:

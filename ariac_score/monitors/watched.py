@@ -162,16 +162,36 @@ class Watched:
         if signal is None or values is None or not len(self):
             return []
         unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
-        # Both ends count as samples: one that begins within an interval of the others has no gap.
-        whole = Span(float(self.t[0]), self.end_s)
-        whole = within if within and not signal.stated_rate_hz else whole
-        gaps = signal.gaps(whole, max_gap_s=self._shown_within_s(signal))
+        whole, longest_s = Span(float(self.t[0]), self.end_s), self._shown_within_s(signal)
+        if within and not signal.stated_rate_hz:
+            gaps = signal.gaps(within, max_gap_s=longest_s)
+        else:
+            gaps = merged([*signal.gaps(whole, max_gap_s=longest_s), *self._edges(signal, whole)])
         return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
+
+    def lacks(self, template: str, due: BoolArray) -> BoolArray:
+        """At which samples a gap hides an optional signal, shape (n,); see `hidden_by_gaps`."""
+        unknown = np.isnan(self.known(template).reshape(len(self), -1)).any(axis=1)
+        inside = [
+            (self.t >= gap.start_s) & (self.t <= gap.end_s) for gap in self.hidden_by_gaps(template, due)
+        ]
+        lacking: BoolArray = unknown & np.any([np.zeros(len(self), dtype=bool), *inside], axis=0)
+        return lacking
+
+    def _edges(self, signal: Signal, whole: Span) -> list[Span]:
+        """Where it begins or ends a whole interval of its own later or earlier: there a sample lacks."""
+        if not len(signal) or signal.constant:
+            return []
+        usual_s = usual_interval_s(signal) - TOLERANCE_S
+        ends = (whole.start_s, float(signal.t[0])), (float(signal.t[-1]), whole.end_s)
+        return [Span(one, other) for one, other in ends if other - one >= usual_s]
 
     def _shown_within_s(self, signal: Signal) -> float:
         """How far apart its samples may be; what was filled for a world has a value in every cell."""
-        filled = self.filled is not None and np.array_equal(signal.t, self.t)
-        return self.max_gap_s if filled else shown_within_s(signal, self.max_gap_s)
+        if self.filled is not None and np.array_equal(signal.t, self.t):
+            return self.max_gap_s
+        between = self.trial.between
+        return 0.0 if between is not None and between.every else shown_within_s(signal, self.max_gap_s)
 
     @cached_property
     def usual_s(self) -> float:
@@ -493,6 +513,8 @@ def _unknown_spans(signal: Signal, window: Span, max_age_s: float) -> list[Span]
     longest_s[0] = 0.0  # nothing stands for what was before the first
     whole = np.diff(edges)
     whole[-1] = window.end_s - edges[-2]
+    # A whole interval before the end a sample lacks.
+    longest_s[-1] = min(longest_s[-1], usual_interval_s(signal) - 2 * TOLERANCE_S)
     rows = np.flatnonzero((ends - starts > TOLERANCE_S) & (whole > longest_s + TOLERANCE_S))
     return [Span(float(starts[row]), float(ends[row])) for row in rows]
 

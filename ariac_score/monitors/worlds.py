@@ -28,7 +28,7 @@ from ariac_score.monitors.watched import UndecidedError, Watched
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, within_spans
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.velocities import HALF_WINDOW_SAMPLES
 from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
@@ -87,9 +87,8 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return None
     if opened and not watched.unknown and monitor.signals.keys() >= signals.keys():
         try:
-            found = _bounded(
-                watched, judge, monitor, _Grid(unseen, signals, opened, window, _changes(watched, monitor))
-            )
+            changes = _changes(watched, monitor, opened, window)
+            found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window, changes))
         except UndecidedError:  # of a moment that no sample shows: nothing bounds what was there
             found = None
         if found is not None:
@@ -101,7 +100,11 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
             spans += [s for one in unseen.streams(signal) for s in one.spans(window, HALF_WINDOW_SAMPLES)]
     opened += [Stream.never_open(trial.signals[name]) for name in watched.unknown]
     hidden = merged(spans, within_s=TOLERANCE_S)
-    return _blunt(watched, judge, monitor, opened, hidden, window) if spans else None
+    first, *others = signals.values()
+    # A speed that follows from places is of several; and a row may be a sample of one signal alone.
+    whole = not isinstance(first, Computed) and all(np.array_equal(one.t, first.t) for one in others)
+    said = replace(monitor, shows_itself=whole)
+    return _blunt(watched, judge, said, opened, hidden, window) if spans else None
 
 
 def _blunt(
@@ -133,7 +136,10 @@ def _blunt(
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
     readings = [list(_by_limit(one)) for one in judged]
-    worlds = blunt_worlds(watched.subject.name, monitor, readings, opened, spans, at_worst)
+    courses = monitor.courses(going_on) if monitor.courses is not None and len(watched) else ()
+    worlds = blunt_worlds(
+        watched.subject.name, monitor, readings, opened, spans, courses=courses, at_worst=at_worst
+    )
     return Opened(worlds, tuple(judged[1]), agree=False, said=said)
 
 
@@ -166,7 +172,7 @@ def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
         limit = statements[first]
         assert isinstance(limit, JudgedLimit)
         own = statements[0 if first == rows[0] else first : behind]
-        yield Judged(_broken_spans(limit), _findings(own))
+        yield Judged(_broken_spans(limit), _findings(own), is_limit=True)
 
 
 def _broken_spans(limit: JudgedLimit) -> list[Span]:
@@ -176,12 +182,19 @@ def _broken_spans(limit: JudgedLimit) -> list[Span]:
     return merged(map(Span, limit.watched.t[rows].tolist(), ends.tolist()), within_s=TOLERANCE_S)
 
 
-def _changes(watched: Watched, monitor: Worsening) -> list[FloatArray]:
-    """When what a monitor reads besides may change, each shape (k,), s: flags, events, and what helps it."""
+def _changes(
+    watched: Watched, monitor: Worsening, opened: Sequence[Stream], window: Span
+) -> list[FloatArray]:
+    """When what a monitor reads besides may change in open intervals, each shape (k,), s.
+
+    Its flags, events, and what helps it: elsewhere they count where the samples are that it judges.
+    """
     trial = watched.trial
     flags = (trial.find_signal(f"{flag}/{watched.subject.name}") for flag in monitor.flags)
-    helpful = [one.t for one in (*watched.optional.values(), *flags) if one is not None]
-    return [*helpful, np.array([event.t_s for event in trial.events])]
+    times = [one.t for one in (*watched.optional.values(), *flags) if one is not None]
+    times.append(np.array([event.t_s for event in trial.events]))
+    stretches = merged(span for stream in opened for span in stream.spans(window))
+    return [t[within_spans(t, stretches)] for t in times]
 
 
 # Bounded by how fast bodies move ---------------------------------------------------------------

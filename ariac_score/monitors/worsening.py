@@ -34,6 +34,8 @@ class Worsening:
         beside: On how many samples beside each its verdict rests, so that they are open beside a gap, too.
         may_hide: What some signals may have been where nothing shows them, so that what follows is judged
             otherwise, by template; each is tried.
+        courses: What it judges each by itself, such as a stop until the next start: each may be violated.
+        shows_itself: Whether a sample by itself shows its own instant.
         at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
             been broken there, all of the time and at full depth.
     """
@@ -47,4 +49,6 @@ class Worsening:
     critical: bool = False
     beside: int = 0
     may_hide: Sequence[Mapping[str, float | tuple[float, ...]]] = ()
+    courses: Callable[[Watched], Sequence[Span]] | None = None
+    shows_itself: bool = True
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

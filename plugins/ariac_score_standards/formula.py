@@ -534,7 +534,9 @@ class Within(Formula):
         runs = rows_of_episodes(signals, triggered, t_off_s=self.t_off_s)
         cut_s = [run.start_s for run, _ in runs if any(run.overlaps(gap) for gap in hidden)]
         seen_s = sorted({*counted_s, *cut_s})
-        asked = asked_at_worst(seen_s, hidden, self._answered(signals), ends_s)
+        answered = self._answered(signals)
+        answered = answered[self._measured(self.response, signals, answered)]
+        asked = asked_at_worst(seen_s, hidden, answered, ends_s)
         late = [
             self._too_late(signals, span, f"came after {span.duration_s:.3f} s at worst", late_s)
             for span, late_s in late_at_worst(asked, self.within_s, pause_s)
@@ -560,6 +562,15 @@ class Within(Formula):
     def _answered(self, watched: Watched) -> FloatArray:
         """When the response held, s."""
         return watched.t[self._of(self.response, watched).true]
+
+    def _measured(self, text: str, watched: Watched, t: FloatArray) -> BoolArray:
+        """Which of some times are samples of all signals that a formula reads, not between two of them."""
+        read = [one.template for name, one in self._sources.items() if re.search(rf"\b{name}\b", text)]
+        signals = [watched.trial.signals[watched.names[template]] for template in read]
+        measured: BoolArray = np.all(
+            [np.ones(len(t), dtype=bool), *(np.isin(t, s.t) for s in signals)], axis=0
+        )
+        return measured
 
     def _late(self, watched: Watched, began: float, takes: float) -> Finding:
         subject, clause = watched.subject.name, self.rules.clause

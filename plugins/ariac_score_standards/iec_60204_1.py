@@ -392,6 +392,15 @@ class EstopRestart(LimitMonitor):
         """What latches."""
         return self.after
 
+    def courses(self, signals: Watched) -> list[Span]:
+        """Each stop, until the next one or the next start."""
+        window = signals.trial.window
+        ends_s = signals.end_s if window is None else window.end_s
+        stops = events_about(signals, self.after)
+        following_s = [*(stop.t_s for stop in stops[1:]), np.inf]
+        latches = (self._latched(signals, stop, s) for stop, s in zip(stops, following_s, strict=False))
+        return [Span(one.stop.t_s, max(one.stop.t_s, min(one.end_s, ends_s))) for one in latches]
+
     @property
     def may_hide(self) -> tuple[dict[str, float]]:
         """The rest that latches it."""

@@ -150,12 +150,20 @@ class AgvSpeedClearance(LimitMonitor):
     def margin(self, signals: Watched) -> Bound:
         """Allowed speed - speed, m/s."""
         clearance = self._clearance(signals)
-        if not np.isfinite(clearance).all():
+        known = np.isfinite(clearance)
+        if not known.any():
             raise UndecidedError("the clearance is not known: no signal, no obstacles, none assumed")
         flag = signals.state(_DETECTION, self.max_flag_age_s)
         # A flag that is recorded but not known here counts as muted: the slower limit is the safe reading.
         limit = self.allowed_speed_m_s(clearance, True if flag is None else flag.on)
-        return self.at_most(signals["speed/{agv}"], limit, named="allowed_speed")
+        return self.at_most(signals["speed/{agv}"], limit, where=known, named="allowed_speed")
+
+    def about(self, signals: Watched) -> Iterator[Statement]:
+        """Each time it was too fast, and where the clearance lacks."""
+        hidden = signals.hidden_findings(_CLEARANCE, np.ones(len(signals), dtype=bool), self.clause)
+        found = super().about(signals)
+        yield from violations_only(found) if hidden else found
+        yield from hidden
 
     def labels(self, limit: JudgedLimit, _episode: Episode | None) -> dict[str, str]:
         """Whether the state of the detection is recorded."""

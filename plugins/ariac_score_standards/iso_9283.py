@@ -15,6 +15,7 @@ from ariac_score import (
     Limit,
     Measure,
     MissingSignalError,
+    Signal,
     SignalNeed,
     Trial,
     Verdict,
@@ -205,14 +206,14 @@ class PoseAttained:
                 return Finding.not_applicable(point, "the pose was never attained", clause=self._clause)
             return self._open(trial, point, "the log does not show when the pose was attained")
         signal = trial.signal(f"position/{point}", unit="m")
-        if not signal.covers(times, max_gap_s=shown_within_s(signal, self.max_gap_s)).all():
+        if not signal.covers(times, max_gap_s=self._shown_within_s(trial, signal)).all():
             return self._open(trial, point, f"'position/{point}' is missing where the pose was attained")
         found = pose_performance(signal.at(times), np.array(self.commanded_m))
         limits = [Limit("accuracy", found.accuracy_m, "m", at_most=self.max_accuracy_m)]
         limits.append(Limit("repeatability", found.repeatability_m, "m", at_most=self.max_repeatability_m))
         if self.commanded_heading_rad is not None:
             heading = trial.signal(f"heading/{point}", unit="rad")
-            if not heading.covers(times, max_gap_s=shown_within_s(heading, self.max_gap_s)).all():
+            if not heading.covers(times, max_gap_s=self._shown_within_s(trial, heading)).all():
                 return self._open(trial, point, f"'heading/{point}' is missing where the pose was attained")
             ap, rp = angle_performance(heading.at(times), self.commanded_heading_rad)
             limits.append(Limit("heading accuracy", abs(ap), "rad", at_most=self.max_heading_accuracy_rad))
@@ -220,6 +221,11 @@ class PoseAttained:
                 Limit("heading repeatability", rp, "rad", at_most=self.max_heading_repeatability_rad)
             )
         return self._finding(trial, point, found, limits)
+
+    def _shown_within_s(self, trial: Trial, signal: Signal) -> float:
+        """How far apart samples may be for a pose between them; where every interval is bounded none is."""
+        every = trial.between is not None and trial.between.every
+        return 0.0 if every else shown_within_s(signal, self.max_gap_s)
 
     def _finding(self, trial: Trial, point: str, found: PosePerformance, limits: list[Limit]) -> Finding:
         limited = [limit for limit in limits if limit.at_most is not None]

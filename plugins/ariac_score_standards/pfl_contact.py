@@ -270,6 +270,9 @@ class PflContact(LimitMonitor):
         if contact.at_worst is not None and contact.at_worst.ratio.max() > 1.0 and not violated:
             message += "; whether somebody was clamped, or where, is recorded, but not at every moment of it"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
+        if violated and not contact.known and _is_hidden_everywhere(watched, rows):
+            message += "; heights of contacts are recorded, but none of this one"
+            return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         if pressed.hidden.any() and not violated:
             hidden_s = float(watched.t[rows[np.argmax(pressed.hidden)]])
             message += f"; the pressure is recorded, but not at {hidden_s:.3f} s"
@@ -318,7 +321,7 @@ class PflContact(LimitMonitor):
         gap = watched.get(_GAP_CLOSING)
         if gap is not None:
             clamped |= clamps(PART_OF_REGION[limits.region.name], gap, closes(gap))[rows]
-            lacks = np.isnan(gap)
+            lacks = watched.lacks(_GAP_CLOSING, np.ones(len(watched), dtype=bool))
             # Whether it closes shows at the samples before and after.
             beside = lacks.copy()
             beside[1:] |= lacks[:-1]
@@ -410,6 +413,18 @@ def _contact_events(trial: Trial, subject: Subject) -> Sequence[Event]:
     return [event for event in trial.events_of(CONTACT) if event.subject == subject.name]
 
 
+def _is_hidden_everywhere(watched: Watched, rows: Rows) -> bool:
+    """Whether the log has heights of contacts, and a gap hides those of one: it may have been any region."""
+    heights = watched.get(_HEIGHT)
+    due = np.zeros(len(watched), dtype=bool)
+    due[rows] = True
+    return (
+        heights is not None
+        and bool(np.isnan(heights[rows]).all())
+        and bool(watched.lacks(_HEIGHT, due).any())
+    )
+
+
 def _pressure(watched: Watched, rows: Rows) -> FloatArray:
     """Pressure as recorded, else force over area; NaN where neither is known."""
     recorded, area = watched.get(_PRESSURE), watched.get(_AREA)
@@ -424,15 +439,21 @@ def _pressure(watched: Watched, rows: Rows) -> FloatArray:
 
 
 def _pressure_hidden(watched: Watched, rows: Rows, pressure: FloatArray) -> BoolArray:
-    """Where gaps hide the pressure of a contact; nowhere, if the log has neither pressure nor area at all."""
-    recorded = [template for template in (_PRESSURE, _AREA) if template in watched.optional]
-    hidden = np.isnan(pressure) & bool(recorded)
-    due = np.zeros(len(watched), dtype=bool)
-    due[rows[hidden]] = True
-    t = watched.t[rows]
+    """Where gaps hide the pressure of a contact; nowhere, if the log has neither pressure nor area at all.
+
+    Where the pressure is recorded, force over area is no more than its mean, and settles nothing.
+    """
+    t, hidden = watched.t[rows], np.zeros(len(rows), dtype=bool)
     # Of the contact alone: a sensor may well be silent until something touches it.
     touched = Span(float(t[0]), float(t[-1] + watched.durations_s[rows[-1]]))
-    gaps = [gap for template in recorded for gap in watched.hidden_by_gaps(template, due, touched)]
-    inside = [(t >= gap.start_s) & (t <= gap.end_s) for gap in gaps]
-    lacks: BoolArray = hidden & np.any([np.zeros(len(t), dtype=bool), *inside], axis=0)
-    return lacks
+    recorded = watched.get(_PRESSURE)
+    unknown = {
+        _PRESSURE: np.isnan(pressure if recorded is None else recorded[rows]),
+        _AREA: np.isnan(pressure),
+    }
+    for template, lacks in unknown.items():
+        due = np.zeros(len(watched), dtype=bool)
+        due[rows[lacks]] = True
+        for gap in watched.hidden_by_gaps(template, due, touched):
+            hidden |= lacks & (t >= gap.start_s) & (t <= gap.end_s)
+    return hidden

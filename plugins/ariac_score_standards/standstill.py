@@ -169,13 +169,12 @@ class _Standing:
             for template in (_JOINTS, _PLACE)
             for finding in watched.hidden_findings(template, self._resting, clause)
         ]
-        place = watched.get(_PLACE)
-        return found if place is None else [*found, *self._unanchored(place, clause)]
+        return found if watched.get(_PLACE) is None else [*found, *self._unanchored(clause)]
 
-    def _unanchored(self, place: FloatArray, clause: str) -> Iterator[Finding]:
+    def _unanchored(self, clause: str) -> Iterator[Finding]:
         """The rests of which nothing shows where they began, so that any drift may have been."""
         subject = self.watched.subject.name
-        shown = self.watched.shown_before & np.isfinite(place).all(axis=1)
+        shown = self.watched.shown_before & ~self.watched.lacks(_PLACE, self._resting)
         for span, rows in rows_of_episodes(self.watched, self._resting, t_off_s=0.0):
             if not shown[rows[0]]:
                 message = f"nothing shows where it came to rest, before {span.start_s:.3f} s"

@@ -219,13 +219,14 @@ def test_a_height_that_is_missing_leaves_the_region_open_or_unknown() -> None:
     contact = PflContact(max_gap_s=0.15, t_off_s=0.0)
     known = one(columns)
     height = known.signals["contact_height/r/h"]
-    (with_height,), (with_some,), (with_none,) = (
+    (with_height,), (with_some,), (with_few,) = (
         contact.watch(replace(known, signals={**known.signals, height.name: cut}))
         for cut in (Signal(height.name, "m", height.t[:n], height.values[:n]) for n in (8, 6, 1))
     )
+    (with_none,) = contact.watch(one({"contact_force/r/h": ("N", force)}))
 
-    verdicts = [one.verdict for one in (with_height, with_some, with_none)]
-    assert verdicts == [Verdict.SATISFIED, Verdict.INCONCLUSIVE, Verdict.VIOLATED]
+    verdicts = [one.verdict for one in (with_height, with_some, with_few, with_none)]
+    assert verdicts == [Verdict.SATISFIED, Verdict.INCONCLUSIVE, Verdict.INCONCLUSIVE, Verdict.VIOLATED]
     assert "is recorded, but not at every moment of it" in with_some.message
     assert with_height.labels["region"] != with_none.labels["region"] == "face"
 
