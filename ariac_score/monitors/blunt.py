@@ -40,12 +40,10 @@ class Judged:
     Attributes:
         broken: When it was, as samples stand, however briefly.
         findings: What was found of it.
-        is_limit: Whether it is a limit at all, and not whatever else was found.
     """
 
     broken: Sequence[Span]
     findings: Sequence[Finding]
-    is_limit: bool = False
 
     @property
     def is_told(self) -> bool:
@@ -236,9 +234,9 @@ def _most(
         for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
             inside = beginning_in(violations, whole)
             parts, shown = meeting(hidden, whole), meeting(spans, whole)
-            may_be = [one.span for one in beginning_in(undecided, whole) if one.span]
-            if limit.is_limit:  # what no pause parts is one
-                may_be = merged(may_be, within_s=_near_s(monitor))
+            may_be = merged(
+                (one.span for one in beginning_in(undecided, whole) if one.span), within_s=_near_s(monitor)
+            )
             own = [
                 Span(max(one.start_s, whole.start_s), whole.end_s) for one in courses if one.overlaps(whole)
             ]

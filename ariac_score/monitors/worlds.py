@@ -172,7 +172,7 @@ def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
         limit = statements[first]
         assert isinstance(limit, JudgedLimit)
         own = statements[0 if first == rows[0] else first : behind]
-        yield Judged(_broken_spans(limit), _findings(own), is_limit=True)
+        yield Judged(_broken_spans(limit), _findings(own))
 
 
 def _broken_spans(limit: JudgedLimit) -> list[Span]:
