@@ -30,7 +30,7 @@ from ariac_score.trial.model import Trial
 from ariac_score.trial.spans import Span, merged
 from ariac_score.trial.sums import exact_sum
 
-__all__ = ["Judged", "blunt_worlds", "whole_window"]
+__all__ = ["Judged", "blunt_worlds", "nothing_broken", "whole_window"]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def blunt_worlds(
     ]
     hidden = merged([*spans, *undecided], within_s=TOLERANCE_S)
     least = [
-        [one for limit in limits for one in _fewest(limit, hidden, monitor)] or [_kept(subject, monitor)]
+        [one for limit in limits for one in _fewest(limit, hidden, monitor)]
+        or [nothing_broken(subject, monitor)]
         for limits in readings
     ]
     most = (
@@ -390,13 +391,13 @@ def whole_window(
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
     broken = _most(subject, [window], monitor, [Judged((), worst)])
     kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
-    best = tuple(kept) or (_kept(subject, monitor),)
+    best = tuple(kept) or (nothing_broken(subject, monitor),)
     cause = Cause(why, spans=(window,))
     causes = (cause,) if seen is None else (cause, *seen.causes)
     return Worlds(subject, best, tuple(broken), causes)
 
 
-def _kept(subject: str, monitor: Worsening) -> Finding:
+def nothing_broken(subject: str, monitor: Worsening) -> Finding:
     """That the limit was kept, of whom nothing shows it."""
     measures = monitor.measures
     quantities = {name: one.reference for name, one in measures.items() if one.reference is not None}

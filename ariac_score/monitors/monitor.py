@@ -12,11 +12,11 @@ from ariac_score.checks.contracts import InstantVerdict, OnlineWatch, SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.in_gaps import InGaps
 from ariac_score.checks.measures import Measure
-from ariac_score.checks.open_findings import Worlds
+from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
 from ariac_score.errors import MissingSignalError
-from ariac_score.monitors.blunt import whole_window
+from ariac_score.monitors.blunt import nothing_broken, whole_window
 from ariac_score.monitors.encounter import Encounter
 from ariac_score.monitors.limits import (
     Bound,
@@ -284,6 +284,8 @@ class _Unseen:
         else:
             stated = list(seen(watched, judge, clause, None if opened is None else opened.said))
         yield from stated
+        if opened is None and not watched.gaps and len(watched):
+            yield from self._undecided(watched, [one for one in stated if isinstance(one, Finding)])
         if opened is not None and not opened.agree:
             worlds: Worlds | None = opened.worlds
         elif why:
@@ -297,6 +299,16 @@ class _Unseen:
             worlds = whole_window(watched.trial, name, self._says, why, seen=worlds, certain=certain)
         if worlds is not None:
             yield worlds
+
+    def _undecided(self, watched: Watched, stated: Sequence[Finding]) -> Iterator[Worlds]:
+        """Both worlds of what is undecided though nothing lacks, such as a stop at the end, if it says."""
+        undecided = [one for one in stated if one.verdict is Verdict.INCONCLUSIVE]
+        worst = self.monitor.at_worst(watched, []) if undecided else None
+        if worst:
+            best = [one for one in stated if one.verdict is not Verdict.INCONCLUSIVE]
+            causes = tuple(Cause(one.message, spans=(one.span,) if one.span else ()) for one in undecided)
+            name = watched.subject.name
+            yield Worlds(name, tuple(best) or (nothing_broken(name, self._says),), tuple(worst), causes)
 
     def _is_idle(self, watched: Watched) -> bool:
         """Whether the log shows that there was nothing that a violation would have to come after."""
