@@ -18,6 +18,7 @@ from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score.trial.spans import FloatArray
 from ariac_score_standards import (
     AgvProtectiveField,
+    EstopRestart,
     HandGuiding,
     MonitoredStandstill,
     PflContact,
@@ -32,7 +33,9 @@ from ariac_score_standards import (
 N = 301
 T = np.arange(N) / 100
 BODIES = (Body("arm", "robot", 0.0), Body("ann", "human", 0.0), Body("cart", "agv", 0.0))
-WITNESSED = frozenset({"bodies", "emergency_stop", "protective_stop", "contact"})
+WITNESSED = frozenset(
+    {"bodies", "emergency_stop", "emergency_stop_reset", "start", "protective_stop", "contact"}
+)
 BOUNDS = {
     "human": {"max_speed_m_s": 1.6, "source": "the test"},
     "robot": {"max_speed_m_s": 0.3, "source": "the test"},
@@ -248,6 +251,40 @@ ATTACKS: Mapping[str, Callable[[], Attack]] = {
         LINE,
         {"position/ann": ("m", round_the_corner()), "speed/arm": ("m/s", np.full(N, 0.5))},
         range(64, 115),
+    ),
+    "ten stops": lambda: Attack(
+        EstopRestart(stop_within_s=0.05),
+        {"speed/arm": ("m/s", np.full(N, 0.28))},
+        range(50, 150),
+        events=[Event(0.5 + k / 10, "emergency_stop", "arm") for k in range(10)],
+    ),
+    "the last distance of a cart": lambda: Attack(
+        AgvProtectiveField(t_off_s=0.05),
+        {**cart(np.full(N, 1.0)), "body_separation/cart/ann": ("m", 1.0 - rows((N - 1, N)))},
+        [N - 1],
+        ["body_separation/cart/ann"],
+    ),
+    "the last sample of a mode": lambda: Attack(
+        ReducedSpeed(applies="manual_mode", t_on_s=0.0, t_off_s=0.02),
+        {"speed/arm": ("m/s", np.full(N, 0.28)), "manual_mode/arm": ("1", rows((0, 50), (N - 1, N)))},
+        [N - 1],
+        ["manual_mode/arm"],
+    ),
+    "the pressure beside an area that is recorded": lambda: Attack(
+        CHEST,
+        {
+            FORCE: ("N", 50.0 * CONTACTS),
+            PRESSURE: ("Pa", 9e6 * CONTACTS),
+            "contact_area/arm/ann": ("m2", np.full(N, 0.01)),
+        },
+        [*range(50, 60), *range(100, 110), *range(150, 160)],
+        [PRESSURE],
+    ),
+    "where a contact was": lambda: Attack(
+        PflContact(t_off_s=0.05),
+        {FORCE: ("N", 300.0 * CONTACTS), "contact_height/arm/ann": ("m", np.full(N, 1.3))},
+        range(90, 120),
+        ["contact_height/arm/ann"],
     ),
     "the beginning of a contact": lambda: Attack(
         PflSpeed(t_off_s=0.2),
