@@ -20,6 +20,7 @@ from ariac_score.monitors.worsening import Worsening
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Signal
 from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, uncovered_spans
+from ariac_score.trial.sums import exact_sum
 
 __all__ = ["FilledSignals", "worlds_between"]
 
@@ -92,7 +93,8 @@ def worlds_between(
         yield from seen
     elif filled is not None and judge is not None:
         best, worst = judge(filled, False), judge(filled, True)
-        kept, broken = _decided(best, Verdict.SATISFIED), _decided(worst, Verdict.VIOLATED)
+        kept = _decided(best, Verdict.SATISFIED)
+        broken = _decided(_joined(worst, max(t_off_s, max_gap_s)), Verdict.VIOLATED)
         # Numbers of violations are not monotone: pauses may have been in a gap, or not.
         further = split_by_pauses(kept, broken, t_off_s)
         if not split_by_pauses(best, worst, t_off_s) and alike(joined_where_one(best, worst), worst):
@@ -146,6 +148,32 @@ def _spans(
     ]
     found += [span for stream in opened for span in stream.spans(window)]
     return merged(found, within_s=TOLERANCE_S)
+
+
+def _joined(findings: Sequence[Finding], within_s: float) -> list[Finding]:
+    """The same with undecided stretches joined that are no further apart: they may have been one violation."""
+    found: list[Finding] = []
+    for one in findings:
+        found.append(_as_one(found.pop(), one) if found and _goes_on(found[-1], one, within_s) else one)
+    return found
+
+
+def _as_one(one: Finding, other: Finding) -> Finding:
+    """Two undecided stretches as one."""
+    assert one.span is not None
+    assert other.span is not None
+    names = sorted({*one.quantities, *other.quantities})
+    quantities = {n: exact_sum(f.quantities.get(n, 0.0) for f in (one, other)) for n in names}
+    span = Span(one.span.start_s, max(one.span.end_s, other.span.end_s))
+    return replace(one, span=span, quantities=quantities)
+
+
+def _goes_on(one: Finding, other: Finding, within_s: float) -> bool:
+    """Whether two undecided stretches are no further apart."""
+    undecided = one.verdict is other.verdict is Verdict.INCONCLUSIVE
+    if not undecided or one.span is None or other.span is None:
+        return False
+    return other.span.start_s - one.span.end_s <= within_s + TOLERANCE_S
 
 
 def _decided(findings: Sequence[Finding], as_verdict: Verdict) -> tuple[Finding, ...]:
