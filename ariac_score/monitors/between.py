@@ -151,7 +151,7 @@ def _spans(
 
 
 def _joined(findings: Sequence[Finding], within_s: float) -> list[Finding]:
-    """The same with undecided stretches joined that are no further apart: they may have been one violation."""
+    """The same with undecided stretches joined that are no further apart: they may have been one."""
     found: list[Finding] = []
     for one in findings:
         found.append(_as_one(found.pop(), one) if found and _goes_on(found[-1], one, within_s) else one)
