@@ -40,10 +40,12 @@ class Judged:
     Attributes:
         broken: When it was, as samples stand, however briefly.
         findings: What was found of it.
+        depth: How deep in each of these; empty: as deep as can be.
     """
 
     broken: Sequence[Span]
     findings: Sequence[Finding]
+    depth: Sequence[DepthProfile] = ()
 
     @property
     def is_told(self) -> bool:
@@ -109,8 +111,11 @@ def _lasting(findings: Sequence[Finding]) -> float:
 
 def _pressing(findings: Iterable[Finding]) -> float:
     """The depth of violations over time, s; where a violation has none, with the pauses that it bridges."""
-    profiles = [profile_of(one) for one in violations_of(findings)]
-    return exact_sum((ends_s - begins_s) * deep for one in profiles for begins_s, ends_s, deep in one.steps())
+    return exact_sum(_area(profile_of(one)) for one in violations_of(findings))
+
+
+def _area(profile: DepthProfile) -> float:
+    return exact_sum((ends_s - begins_s) * deep for begins_s, ends_s, deep in profile.steps())
 
 
 def _least_of(readings: Sequence[list[Finding]]) -> list[Finding]:
@@ -146,12 +151,17 @@ def _fewest(limit: Judged, hidden: Sequence[Span], monitor: Worsening) -> list[F
         decided = [one for one in decided if not _touches(one, hidden)]
     # Where a verdict rests on the samples beside it, too, one alone shows no instant of its own.
     alone = monitor.beside == 0 and monitor.shows_itself
-    shown = [one for each in decided if (one := _shown_of(each, hidden, limit.broken, alone=alone))]
+    shown = [
+        one
+        for each in decided
+        if (one := _shown_of(each, hidden, limit.broken, alone=alone, t_on_s=monitor.t_on_s))
+    ]
     found = [one for one in shown if one.verdict is not Verdict.VIOLATED or _lasts(one, monitor.t_on_s)]
     violations = in_time_order(violations_of(found))
     known = [one.span for one in violations if one.span]
     rows = [one for one in found if one.verdict is not Verdict.VIOLATED or one.span is None]
-    for whole in merged([*hidden, *known], within_s=_near_s(monitor)):
+    # What is too short for a violation may part two no longer, together with what is hidden around it.
+    for whole in merged([*hidden, *known, *limit.broken], within_s=_near_s(monitor)):
         inside = beginning_in(violations, whole)
         joined = one_by_one(inside)
         rows += [together(joined)] if len(joined) > 1 else joined
@@ -169,7 +179,7 @@ def _near_s(monitor: Worsening) -> float:
 
 
 def _shown_of(
-    violation: Finding, hidden: Sequence[Span], broken: Sequence[Span], *, alone: bool
+    violation: Finding, hidden: Sequence[Span], broken: Sequence[Span], *, alone: bool, t_on_s: float
 ) -> Finding | None:
     """A violation without what is hidden of it; `None`: nothing shows it.
 
@@ -178,6 +188,7 @@ def _shown_of(
         hidden: Where nothing shows what was.
         broken: When its limit was broken.
         alone: Whether a sample by itself shows its own instant.
+        t_on_s: Shortest stretch that a violation begins with, s.
     """
     whole = violation.span
     if violation.verdict is not Verdict.VIOLATED or whole is None:
@@ -195,6 +206,9 @@ def _shown_of(
     hidden_s, span = _measure(parts), whole
     if own:
         left = [shown for one in own for shown in without(one, meeting(parts, one))]
+        begins = (row for row, one in enumerate(left) if one.duration_s >= t_on_s - TOLERANCE_S)
+        first = next(begins, len(left))
+        parts, left = merged([*parts, *left[:first]]), left[first:]
         if not (left or alone):
             return None
         hidden_s = lasts_s - _measure(left)
@@ -242,7 +256,11 @@ def _most(
                 Span(max(one.start_s, whole.start_s), whole.end_s) for one in courses if one.overlaps(whole)
             ]
             may_be = max(may_be, own[len(inside) :], key=len)
-            rows += _all_of(subject, whole, parts, shown, inside, may_be, monitor, seen) if parts else inside
+            if not parts:
+                rows += inside
+                continue
+            deep = [one for one in limit.depth if one.t_s[0] < whole.end_s and one.t_s[-1] > whole.start_s]
+            rows += _all_of(subject, whole, parts, shown, inside, may_be, monitor, seen, deep)
     return rows
 
 
@@ -255,6 +273,7 @@ def _all_of(
     may_be: Sequence[Span],
     monitor: Worsening,
     seen: Sequence[Finding],
+    deep: Sequence[DepthProfile],
 ) -> list[Finding]:
     """One violation that lasts all of what is hidden and was seen around it, as often as pauses fit into it.
 
@@ -267,14 +286,18 @@ def _all_of(
         may_be: When further ones may have been, each of its own.
         monitor: What it measures.
         seen: All that was found.
+        deep: How deep the limit was broken where it was seen to be; empty: as deep as can be.
     """
     counted = [one.span for one in inside if one.span]
     long = merged(counted)
+    # Too short to be found by themselves, they may be part of what is hidden.
     brief = [one for one in shown if not meeting(long, one)]
-    full = merged([*parts, *brief])
+    shallow = [one for one in deep if meeting(brief, Span(one.t_s[0], one.t_s[-1]))]
+    full = merged(parts if deep else [*parts, *brief])
     # Of what takes its course, several that overlap last longer than the time in which one of them did.
     lasts_s = max(_measure([*parts, *shown]), _one_over_another(inside, parts))
     deep_s = [_measure(full), *(one.quantities.get("relative_depth_integral_s", lasts_s) for one in inside)]
+    deep_s += [_area(one) for one in shallow]
     known = {
         "time_in_violation_s": lasts_s,
         "relative_depth_max": 1.0,
@@ -291,7 +314,7 @@ def _all_of(
         quantities={name: n for name, n in known.items() if name in monitor.measures},
         clause=monitor.clause,
         critical=monitor.critical or any(one.critical for one in seen),
-        profile=_deepest(full, inside) if inside or len(full) > 1 else None,
+        profile=_deepest(full, inside, shallow) if inside or shallow or len(full) > 1 else None,
     )
     rows = [worst]
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
@@ -354,11 +377,12 @@ def _is_in(spans: Sequence[Span], t_s: float) -> bool:
     return row >= 0 and t_s < spans[row].end_s
 
 
-def _deepest(parts: Sequence[Span], seen: Sequence[Finding]) -> DepthProfile:
+def _deepest(parts: Sequence[Span], seen: Sequence[Finding], brief: Sequence[DepthProfile]) -> DepthProfile:
     """Full depth in all parts, and what was seen between them."""
     profiles = [profile_of(one) for one in seen]
     if len(one_by_one(seen)) == len(seen) > 0:
         profiles = [joined_profiles(profiles)]
+    profiles += brief
     ends = {t for one in parts for t in (one.start_s, one.end_s)}
     ends |= {t for one in profiles for t in one.t_s}
     t_s = tuple(sorted(ends)) if len(ends) > 1 else (*ends, *ends)  # a competition of one instant

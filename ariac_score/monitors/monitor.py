@@ -31,7 +31,7 @@ from ariac_score.monitors.limits import (
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
-from ariac_score.monitors.worlds import Opened, open_worlds
+from ariac_score.monitors.worlds import Opened, alike, open_worlds
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
@@ -237,6 +237,7 @@ class SubjectMonitor:
             clause=self.rules.clause,
             judge=self.about,
             optional=self._helpful,
+            turning=[*self.optional, *self.flags],
             unseen=_Unseen(self) if trial.between is not None else None,
         )
 
@@ -262,6 +263,7 @@ class _Unseen:
             max(reach.ahead, int(reach.back == "neighbour")),
             monitor.may_hide,
             monitor.courses,
+            graded=monitor.rules.graded,
             at_worst=monitor.at_worst,
         )
 
@@ -283,13 +285,16 @@ class _Unseen:
             stated = _decided(watched, judge, opened)
         else:
             stated = list(seen(watched, judge, clause, None if opened is None else opened.said))
+            if opened is not None and opened.agree and not alike(_findings(stated), opened.worlds.worst):
+                # What stood through a gap that is short enough for the monitor, and turned in it.
+                stated = list(opened.statements)
         yield from stated
         if opened is None and not watched.gaps and len(watched):
-            yield from self._undecided(watched, [one for one in stated if isinstance(one, Finding)])
+            yield from self._undecided(watched, _findings(stated))
         if opened is not None and not opened.agree:
             worlds: Worlds | None = opened.worlds
         elif why:
-            found = tuple(one for one in stated if isinstance(one, Finding))
+            found = tuple(_findings(stated))
             worlds = Worlds(watched.subject.name, found, found)
         else:
             return
@@ -330,8 +335,11 @@ class _Unseen:
         opened = open_worlds(shortest, judge, self._says)
         if opened is not None:
             return opened.worlds.best
-        stated = seen(shortest, judge, self.monitor.rules.clause)
-        return tuple(one for one in stated if isinstance(one, Finding))
+        return tuple(_findings(seen(shortest, judge, self.monitor.rules.clause)))
+
+
+def _findings(stated: Iterable[Statement]) -> list[Finding]:
+    return [one for one in stated if isinstance(one, Finding)]
 
 
 def _decided(
@@ -344,9 +352,7 @@ def _decided(
         return list(opened.statements)
     if not opened.agree:
         return shown
-    found, bounded = (
-        [one for one in each if isinstance(one, Finding)] for each in (shown, opened.statements)
-    )
+    found, bounded = _findings(shown), _findings(opened.statements)
     if len(found) == len(bounded):
         bounded = list(map(_with_both_margins, found, bounded))
     return [*(one for one in shown if not isinstance(one, Finding)), *bounded]

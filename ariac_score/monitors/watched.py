@@ -18,12 +18,20 @@ from numpy.typing import NDArray
 
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import MissingSignalError
-from ariac_score.monitors.cells import USUAL_INTERVALS, shown_within_s, usual_interval_s
+from ariac_score.monitors.cells import USUAL_INTERVALS, longest_held_s, shown_within_s, usual_interval_s
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
 from ariac_score.trial.signals import Sample, Signal, align
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, sample_durations, uncovered_spans
+from ariac_score.trial.spans import (
+    BoolArray,
+    FloatArray,
+    Span,
+    distinct,
+    merged,
+    sample_durations,
+    uncovered_spans,
+)
 
 __all__ = [
     "ENVIRONMENT",
@@ -77,6 +85,8 @@ class Watched:
         trial: Where they are from: its bodies and events.
         filled: Which samples stand for what may have been, shape (n,), and were not measured; `None`: none.
         unknown: Where the signal of a flag does not show it, by the name of the signal; no sample lies there.
+        optional_gap_s: A sample of an optional signal stands for no longer than this, s.
+        turns: When else a verdict may change, in time order, s: at the samples of flags, and of what helps.
     """
 
     t: FloatArray
@@ -90,6 +100,8 @@ class Watched:
     trial: Trial = field(default_factory=lambda: Trial(""))
     filled: BoolArray | None = None
     unknown: Mapping[str, Sequence[Span]] = field(default_factory=dict)
+    optional_gap_s: float = math.inf
+    turns: FloatArray = field(default_factory=lambda: np.empty(0))
     _computed: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __getitem__(self, template: str) -> FloatArray:
@@ -110,6 +122,21 @@ class Watched:
             signal = self.optional[template]
             self._computed[template] = _values_over(signal, self.t, self._shown_within_s(signal))
         return self._computed[template]
+
+    def with_held(self, worse: Mapping[str, np.ufunc]) -> Watched:
+        """The same, whose optional signals count in what was not measured as at their last sample, if worse.
+
+        For a sample of what is wanted may lack there, at which they would have counted until the next one.
+
+        Args:
+            worse: `numpy.minimum` or `numpy.maximum` by template, of signals of one component.
+        """
+        for template, choose in worse.items():
+            values, signal = self.get(template), self.optional[template]
+            if values is not None and self.filled is not None and len(signal):
+                last = signal.values[np.maximum(signal.t.searchsorted(self.t, side="right") - 1, 0)]
+                self._computed[template] = np.where(self.filled, choose(values, last), values)
+        return self
 
     def known(self, template: str) -> FloatArray:
         """The values of a signal, NaN where the log does not show them; of one it lacks everywhere."""
@@ -162,12 +189,32 @@ class Watched:
         if signal is None or values is None or not len(self):
             return []
         unknown = self.t[due & np.isnan(values.reshape(len(self), -1)).any(axis=1)]
-        whole, longest_s = Span(float(self.t[0]), self.end_s), self._shown_within_s(signal)
+        whole, longest_s = self._whole, self._shown_within_s(signal)
         if within and not signal.stated_rate_hz:
             gaps = signal.gaps(within, max_gap_s=longest_s)
         else:
-            gaps = merged([*signal.gaps(whole, max_gap_s=longest_s), *self._edges(signal, whole)])
-        return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
+            gaps = merged([*self._holes(signal, whole, longest_s), *self._edges(signal, whole)])
+        # Between two rows it hides what the first of them stands for; where all lacks, that is open anyway.
+        shows = np.append(due[:-1] & self.shown_before[1:], due[-1])
+        shows &= self.trial.between is not None
+        rows = [max(int(self.t.searchsorted(gap.start_s, side="right")) - 1, 0) for gap in gaps]
+        return [
+            gap
+            for gap, row in zip(gaps, rows, strict=True)
+            if shows[row] or ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()
+        ]
+
+    @property
+    def _whole(self) -> Span:
+        """From the first to the last sample of what is wanted, whether a flag is known then or not."""
+        window = self.trial.window
+        signals = [self.trial.signals.get(name) for name in self.names.values()]
+        spans = [one.span for one in signals if one is not None and one.span and not one.constant]
+        if window is None or not spans:
+            return Span(float(self.t[0]), self.end_s)
+        first_s = max([window.start_s, *(one.start_s for one in spans)])
+        last_s = min([window.end_s, *(one.end_s for one in spans)])
+        return Span(min(first_s, float(self.t[0])), max(last_s, self.end_s))
 
     def lacks(self, template: str, due: BoolArray) -> BoolArray:
         """At which samples a gap hides an optional signal, shape (n,); see `hidden_by_gaps`."""
@@ -177,6 +224,17 @@ class Watched:
         ]
         lacking: BoolArray = unknown & np.any([np.zeros(len(self), dtype=bool), *inside], axis=0)
         return lacking
+
+    def _holes(self, signal: Signal, whole: Span, longest_s: float) -> list[Span]:
+        """Where it lacks samples within a stretch; an interval that this cuts is as long as it is."""
+        if not len(signal):
+            return [whole]
+        reaching = Span(min(whole.start_s, float(signal.t[0])), max(whole.end_s, float(signal.t[-1])))
+        return [
+            Span(max(gap.start_s, whole.start_s), min(gap.end_s, whole.end_s))
+            for gap in signal.gaps(reaching, max_gap_s=longest_s)
+            if gap.overlaps(whole)
+        ]
 
     def _edges(self, signal: Signal, whole: Span) -> list[Span]:
         """Where it begins or ends a whole interval of its own later or earlier: there a sample lacks."""
@@ -191,7 +249,8 @@ class Watched:
         if self.filled is not None and np.array_equal(signal.t, self.t):
             return self.max_gap_s
         between = self.trial.between
-        return 0.0 if between is not None and between.every else shown_within_s(signal, self.max_gap_s)
+        every = between is not None and between.every
+        return 0.0 if every else shown_within_s(signal, self.optional_gap_s)
 
     @cached_property
     def usual_s(self) -> float:
@@ -276,7 +335,13 @@ class Watched:
         """The same signals in the competition of another trial that has them."""
         signals = [trial.signals[name] for name in self.names.values()]
         return watched_signals(
-            signals, self.max_gap_s, trial, self.subject, names=self.names, optional=self.optional
+            signals,
+            self.max_gap_s,
+            trial,
+            self.subject,
+            names=self.names,
+            optional=self.optional,
+            turns=self.turns,
         )
 
     def samples(self, row: int) -> tuple[Sample, ...]:
@@ -310,6 +375,7 @@ def watched_signals(
     *,
     names: Mapping[str, str] | None = None,
     optional: Mapping[str, Signal] | None = None,
+    turns: FloatArray | None = None,
 ) -> Watched:
     """Signals as they are watched.
 
@@ -320,8 +386,15 @@ def watched_signals(
         subject: Whose signals they are.
         names: Signal name by template.
         optional: Further signals by template.
+        optional_gap_s: A sample of an optional signal stands for no longer than this, s.
+        turns: When else a verdict may change, in time order, s; where a sample stands it is judged then, too.
     """
+    turns = np.empty(0) if turns is None else turns
     t, columns = align(signals, max_gap_s=max_gap_s)
+    bounded = trial.between is not None and trial.between.every  # then no sample stands for more than itself
+    if len(t) and not bounded and len(between := _between(turns, signals, max_gap_s)):
+        t = distinct(np.concatenate([t, between]))
+        columns = [signal.at(t) for signal in signals]
     inside, window = slice(None), trial.window
     gaps: list[Span] = []
     if window is not None:
@@ -340,7 +413,22 @@ def watched_signals(
         optional or {},
         subject,
         trial,
+        optional_gap_s=max_gap_s,
+        turns=turns,
     )
+
+
+def _between(turns: FloatArray, signals: Sequence[Signal], max_gap_s: float) -> FloatArray:
+    """Which of some moments lie where samples stand for the time between them, s.
+
+    Without them what is on for a moment would count as long as its sample happens to stand, or not at all,
+    and whoever leaves out samples would choose which.
+    """
+    for one in signals:
+        if len(turns) and not one.constant:
+            longest_s = longest_held_s(usual_interval_s(one), max_gap_s)
+            turns = turns[one.covers(turns, max_gap_s=longest_s)]
+    return turns
 
 
 Yielded = TypeVar("Yielded")
@@ -368,6 +456,7 @@ def watch_subjects(
     clause: str,
     judge: Callable[[Watched], Iterable[Yielded]],
     optional: Mapping[str, str] | None = None,
+    turning: Iterable[str] = (),
     unseen: UnseenJudge[Yielded] | None = None,
 ) -> Iterator[Finding | Yielded]:
     """Judge every subject; what cannot be judged is inconclusive.
@@ -380,11 +469,12 @@ def watch_subjects(
         clause: Clause for the findings about what is missing.
         judge: Findings about one subject.
         optional: Unit by signal template, of signals that help where the log has them.
+        turning: The flags, and those of the helpful signals, that a verdict rests on.
         unseen: What it makes of the time without samples; `None`: it is open.
     """
     for subject in subjects:
         try:
-            watched = _watched(trial, subject, wanted, optional or {}, max_gap_s)
+            watched = _watched(trial, subject, wanted, optional or {}, max_gap_s, turning)
         except MissingSignalError as missing:
             yield Finding.inconclusive(subject.name, str(missing), span=trial.window, clause=clause)
             yield from () if unseen is None else unseen.nothing(trial, subject, str(missing))
@@ -424,7 +514,12 @@ def seen(
 
 
 def _watched(
-    trial: Trial, subject: Subject, wanted: Mapping[str, str], optional: Mapping[str, str], max_gap_s: float
+    trial: Trial,
+    subject: Subject,
+    wanted: Mapping[str, str],
+    optional: Mapping[str, str],
+    max_gap_s: float,
+    turning: Iterable[str],
 ) -> Watched:
     """The signals of a subject.
 
@@ -438,7 +533,16 @@ def _watched(
         for template, unit in optional.items()
         if (signal := trial.find_signal(subject.fill(template), unit=unit)) is not None
     }
-    return watched_signals(signals, max_gap_s, trial, subject, names=names, optional=helpful)
+    turns = [helpful[one].t if one in helpful else _turns(trial, one, subject.name) for one in turning]
+    return watched_signals(
+        signals,
+        max_gap_s,
+        trial,
+        subject,
+        names=names,
+        optional=helpful,
+        turns=distinct(np.concatenate(turns)) if turns else None,
+    )
 
 
 # What stays as it is until it changes -------------------------------------------------------
@@ -503,6 +607,14 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     words = np.array([earlier, *(event.detail for event in events)])
     word = words[np.searchsorted(times, t, side="right")]
     return State(word == ON, (word == ON) | (word == OFF))
+
+
+def _turns(trial: Trial, flag: str, body: str) -> FloatArray:
+    """When the log shows a flag, in time order, s: at its samples, or where it has none at events."""
+    signal = trial.find_signal(f"{flag}/{body}")
+    if signal is not None and len(signal):
+        return signal.t
+    return np.array([event.t_s for event in trial.events_of(flag) if event.subject in ("", body)])
 
 
 def _unknown_spans(signal: Signal, window: Span, max_age_s: float) -> list[Span]:

@@ -28,7 +28,7 @@ from ariac_score.monitors.watched import UndecidedError, Watched
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
-from ariac_score.trial.spans import BoolArray, FloatArray, Span, merged, within_spans
+from ariac_score.trial.spans import BoolArray, FloatArray, Span, distinct, merged, within_spans
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.velocities import HALF_WINDOW_SAMPLES
 from ariac_score.trial.vocabulary import DISTANCES, SPEEDS, quantity_of
@@ -87,7 +87,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return None
     if opened and not watched.unknown and monitor.signals.keys() >= signals.keys():
         try:
-            changes = _changes(watched, monitor, opened, window)
+            changes = _changes(watched, opened, window)
             found = _bounded(watched, judge, monitor, _Grid(unseen, signals, opened, window, changes))
         except UndecidedError:  # of a moment that no sample shows: nothing bounds what was there
             found = None
@@ -116,9 +116,8 @@ def _blunt(
     window: Span,
 ) -> Opened:
     """Kept in the best world, broken at full depth in the worst, in every open span."""
-    unknown = [span.duration_s for spans_of in watched.unknown.values() for span in spans_of]
     held = [stream.held_s for stream in opened if stream.open.any()]
-    shortest_s = min([watched.max_gap_s, *held, *unknown])
+    shortest_s = min([watched.max_gap_s, *held, *_apart_s(watched)])
     judged: list[list[Statement]] = []
     # Whether what was before a gap goes on behind it may be for better or worse: a grace that has begun
     # before, or a contact that is none of its own.
@@ -135,12 +134,20 @@ def _blunt(
         kept = tuple(at_worst)
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
-    readings = [list(_by_limit(one)) for one in judged]
+    readings = [list(_by_limit(one, monitor)) for one in judged]
     courses = monitor.courses(going_on) if monitor.courses is not None and len(watched) else ()
     worlds = blunt_worlds(
         watched.subject.name, monitor, readings, opened, spans, courses=courses, at_worst=at_worst
     )
     return Opened(worlds, tuple(judged[1]), agree=False, said=said)
+
+
+def _apart_s(watched: Watched) -> Iterator[float]:
+    """A little less than how far apart samples are between which a flag is not known, s."""
+    for span in (span for spans in watched.unknown.values() for span in spans):
+        before, behind = watched.t[watched.t <= span.start_s], watched.t[watched.t >= span.end_s]
+        if len(before) and len(behind):
+            yield float(behind[0] - before[-1]) - 2.0 * TOLERANCE_S
 
 
 def _hiding(
@@ -158,12 +165,25 @@ def _hiding(
     rows = np.maximum(watched.t.searchsorted(t, side="right") - 1, 0)
     filled = np.isin(t, times)
     columns = {name: column[rows].copy() for name, column in watched.columns.items()}
+    flags = {}
     for template, value in values.items():
-        columns[watched.names[template]][filled] = value
-    return replace(watched, t=t, columns=columns, filled=filled)
+        if template in watched.names:
+            columns[watched.names[template]][filled] = value
+        elif (flag := watched.trial.find_signal(f"{template}/{watched.subject.name}")) is not None:
+            flags[flag.name] = _set(flag, value, times, watched.unknown.get(flag.name, ()))
+    trial = replace(watched.trial, signals={**watched.trial.signals, **flags})
+    return replace(watched, t=t, columns=columns, filled=filled, trial=trial)
 
 
-def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
+def _set(flag: Signal, value: float | tuple[float, ...], t: FloatArray, unknown: Sequence[Span]) -> Signal:
+    """A flag that has a value at some times where nothing shows it."""
+    hidden = t[within_spans(t, unknown)]
+    given = distinct(np.concatenate([flag.t, hidden]))
+    values = flag.values[np.maximum(flag.t.searchsorted(given, side="right") - 1, 0)]
+    return replace(flag, t=given, values=np.where(np.isin(given, hidden), value, values))
+
+
+def _by_limit(statements: Sequence[Statement], monitor: Worsening) -> Iterator[Judged]:
     """Each limit, when it is broken, and what was found of it, which is stated behind it."""
     rows = [row for row, one in enumerate(statements) if isinstance(one, JudgedLimit)]
     if not rows:
@@ -172,7 +192,8 @@ def _by_limit(statements: Sequence[Statement]) -> Iterator[Judged]:
         limit = statements[first]
         assert isinstance(limit, JudgedLimit)
         own = statements[0 if first == rows[0] else first : behind]
-        yield Judged(_broken_spans(limit), _findings(own))
+        each = limit.episodes(t_on_s=0.0, t_off_s=0.0) if monitor.graded else []
+        yield Judged(_broken_spans(limit), _findings(own), [one.profile for one in each])
 
 
 def _broken_spans(limit: JudgedLimit) -> list[Span]:
@@ -182,19 +203,16 @@ def _broken_spans(limit: JudgedLimit) -> list[Span]:
     return merged(map(Span, limit.watched.t[rows].tolist(), ends.tolist()), within_s=TOLERANCE_S)
 
 
-def _changes(
-    watched: Watched, monitor: Worsening, opened: Sequence[Stream], window: Span
-) -> list[FloatArray]:
-    """When what a monitor reads besides may change in open intervals, each shape (k,), s.
+def _changes(watched: Watched, opened: Sequence[Stream], window: Span) -> list[FloatArray]:
+    """When what a monitor reads besides may change, each shape (k,), s.
 
-    Its flags, events, and what helps it: elsewhere they count where the samples are that it judges.
+    Its flags and what it needs of what helps it anywhere; events, and what helps to tell who is to blame, in
+    open intervals: elsewhere they count where the samples are that it judges.
     """
-    trial = watched.trial
-    flags = (trial.find_signal(f"{flag}/{watched.subject.name}") for flag in monitor.flags)
-    times = [one.t for one in (*watched.optional.values(), *flags) if one is not None]
-    times.append(np.array([event.t_s for event in trial.events]))
+    times = [one.t for one in watched.optional.values()]
+    times.append(np.array([event.t_s for event in watched.trial.events]))
     stretches = merged(span for stream in opened for span in stream.spans(window))
-    return [t[within_spans(t, stretches)] for t in times]
+    return [watched.turns, *(t[within_spans(t, stretches)] for t in times)]
 
 
 # Bounded by how fast bodies move ---------------------------------------------------------------
@@ -222,11 +240,15 @@ def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) ->
     known = {template: both for template, both in ends.items() if both is not None}
     if len(known) < len(ends):
         return None
-    optional = {}
+    optional, unbounded = {}, {}
     for template, signal in watched.optional.items():
         (both,) = grid.unseen.bounds([signal], cells)
         worse = OPTIONAL_WORSE.get(signal.unit)
-        if both is not None and worse is not None and signal.values.ndim == 1:
+        if worse is None or signal.values.ndim > 1:
+            continue
+        if both is None:
+            unbounded[template] = worse
+        else:
             optional[template] = signal, both, worse
     filled = np.any([both[0] != both[1] for both in known.values()], axis=0)
 
@@ -239,13 +261,16 @@ def _bounded(watched: Watched, judge: Judge, monitor: Worsening, grid: _Grid) ->
             t: Signal(signal.name, signal.unit, cells.t, end(both, worse))
             for t, (signal, both, worse) in optional.items()
         }
-        return replace(
+        filling = replace(
             watched,
             t=cells.t,
             columns=columns,
             gaps=[],
             optional={**watched.optional, **helpful},
             filled=filled,
+        )
+        return filling.with_held(
+            {t: np.maximum if (worse == "high") == worst else np.minimum for t, worse in unbounded.items()}
         )
 
     best, worst = _statements(world(False), judge), _statements(world(True), judge)

@@ -36,6 +36,7 @@ class Worsening:
             otherwise, by template; each is tried.
         courses: What it judges each by itself, such as a stop until the next start: each may be violated.
         shows_itself: Whether a sample by itself shows its own instant.
+        graded: Whether the depth relative to the limit says how bad a violation is.
         at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
             been broken there, all of the time and at full depth.
     """
@@ -51,4 +52,5 @@ class Worsening:
     may_hide: Sequence[Mapping[str, float | tuple[float, ...]]] = ()
     courses: Callable[[Watched], Sequence[Span]] | None = None
     shows_itself: bool = True
+    graded: bool = True
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

@@ -55,15 +55,22 @@ class HandGuiding(LimitMonitor):
     clause = "derived from ISO/TS 15066:2016, 5.5.3"
     idle = "the robot was never guided by hand"
     reach = Reach("run")  # the allowed speed depends on when the device was released
+    may_hide = ({"enabling_device": 0.0},)
 
     @property
     def flags(self) -> tuple[str, ...]:
         """The device, and the mode where it counts."""
         return ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ()))
 
-    def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray) -> FloatArray:
-        """The limit of each moment, shape (n,), m/s."""
-        released = first_of_runs(t, ~pressed, np.inf)
+    def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray, max_gap_s: float = np.inf) -> FloatArray:
+        """The limit of each moment, shape (n,), m/s.
+
+        Args:
+            t: Sample times, shape (n,), s.
+            pressed: Whether the device is held, shape (n,).
+            max_gap_s: Behind samples that are further apart it may have been released anew, s.
+        """
+        released = first_of_runs(t, ~pressed, max_gap_s)
         since_s = np.where(pressed, 0.0, t - t[released])
         # Of a device released at the first sample nobody knows since when: no time to stop is left then.
         never = ~pressed & (released == 0)
@@ -73,9 +80,10 @@ class HandGuiding(LimitMonitor):
     def margin(self, signals: Watched) -> Bound:
         """Allowed speed - speed, m/s."""
         pressed, *manual = (signals.flag(name, self.max_flag_age_s) for name in self.flags)
+        max_gap_s = signals.max_gap_s if signals.unknown else np.inf
         return self.at_most(
             signals["speed/{robot}"],
-            self.allowed_speed_m_s(signals.t, pressed),
+            self.allowed_speed_m_s(signals.t, pressed, max_gap_s),
             where=manual[0] if manual else None,
             named="allowed_speed",
         )
