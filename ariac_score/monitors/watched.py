@@ -241,8 +241,14 @@ class Watched:
         if not len(signal) or signal.constant:
             return []
         usual_s = usual_interval_s(signal) - TOLERANCE_S
-        ends = (whole.start_s, float(signal.t[0])), (float(signal.t[-1]), whole.end_s)
-        return [Span(one, other) for one, other in ends if other - one >= usual_s]
+        begins_s, ends_s = float(signal.t[0]), float(signal.t[-1])
+        window = self.trial.window or whole
+        found = []
+        if whole.start_s < begins_s and begins_s - window.start_s >= usual_s:
+            found.append(Span(whole.start_s, begins_s))
+        if whole.end_s > ends_s and window.end_s - ends_s >= usual_s:
+            found.append(Span(ends_s, whole.end_s))
+        return found
 
     def _shown_within_s(self, signal: Signal) -> float:
         """How far apart its samples may be; what was filled for a world has a value in every cell."""

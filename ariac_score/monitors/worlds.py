@@ -156,7 +156,7 @@ def _hiding(
     """The same with some values of signals wherever nothing shows them."""
     if not len(watched):
         return watched
-    moments = np.concatenate([watched.t, [event.t_s for event in watched.trial.events]])
+    moments = np.concatenate([watched.t, watched.turns, [event.t_s for event in watched.trial.events]])
     inside = [t for one in hidden for t in moments[(moments >= one.start_s) & (moments < one.end_s)]]
     times = np.unique([*(one.start_s for one in hidden), *inside])
     # A sample shows its own instant.

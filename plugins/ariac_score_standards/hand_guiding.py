@@ -20,6 +20,7 @@ from ariac_score.monitors import (
     Worse,
     bodies,
     first_of_runs,
+    state_over,
 )
 from ariac_score_standards.parameters import GAP, SPEED, TIME
 
@@ -62,28 +63,42 @@ class HandGuiding(LimitMonitor):
         """The device, and the mode where it counts."""
         return ("enabling_device", *(("manual_mode",) if self.applies == "manual_mode" else ()))
 
-    def allowed_speed_m_s(self, t: FloatArray, pressed: BoolArray, max_gap_s: float = np.inf) -> FloatArray:
+    def allowed_speed_m_s(
+        self, t: FloatArray, pressed: BoolArray, max_gap_s: float = np.inf, released_s: float = -np.inf
+    ) -> FloatArray:
         """The limit of each moment, shape (n,), m/s.
 
         Args:
             t: Sample times, shape (n,), s.
             pressed: Whether the device is held, shape (n,).
             max_gap_s: Behind samples that are further apart it may have been released anew, s.
+            released_s: When it was, if it is not held at the first sample; of one nobody saw held no time
+                to stop is left then, s.
         """
-        released = first_of_runs(t, ~pressed, max_gap_s)
-        since_s = np.where(pressed, 0.0, t - t[released])
-        # Of a device released at the first sample nobody knows since when: no time to stop is left then.
-        never = ~pressed & (released == 0)
-        stopping = (since_s < self.stop_within_s - TOLERANCE_S) & ~never
+        first = first_of_runs(t, ~pressed, max_gap_s)
+        since_s = t - np.where(first == 0, released_s, t[first])
+        stopping = since_s < self.stop_within_s - TOLERANCE_S
         return np.where(pressed | stopping, self.max_speed_m_s, self.standstill_speed_m_s)
+
+    def _released_s(self, signals: Watched) -> float:
+        """When the device was released before the first sample of the speed, s; infinitely early: unknown."""
+        before = signals.turns[signals.turns < signals.t[0]]
+        state = state_over(
+            signals.trial, self.flags[0], signals.subject.name, before, max_age_s=self.max_flag_age_s
+        )
+        if state is None or not state.on.any():
+            return -np.inf
+        held = int(np.flatnonzero(state.on)[-1])
+        return float([*before, signals.t[0]][held + 1]) if state.known[held:].all() else -np.inf
 
     def margin(self, signals: Watched) -> Bound:
         """Allowed speed - speed, m/s."""
         pressed, *manual = (signals.flag(name, self.max_flag_age_s) for name in self.flags)
         max_gap_s = signals.max_gap_s if signals.unknown else np.inf
+        allowed = self.allowed_speed_m_s(signals.t, pressed, max_gap_s, self._released_s(signals))
         return self.at_most(
             signals["speed/{robot}"],
-            self.allowed_speed_m_s(signals.t, pressed, max_gap_s),
+            allowed,
             where=manual[0] if manual else None,
             named="allowed_speed",
         )

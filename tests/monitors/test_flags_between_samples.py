@@ -185,3 +185,15 @@ def test_a_flag_that_begins_late_opens_only_what_is_before_it() -> None:
 
     assert best == pytest.approx(0.3)
     assert worst == pytest.approx(0.3 + 0.04)
+
+
+def test_a_device_that_was_let_go_before_the_first_speed_leaves_time_to_stop_as_its_samples_show() -> None:
+    """Let go at 0.1 s; the speed is recorded from 0.2 s on, and has to be none from 0.4 s on."""
+    pressed = np.zeros(301)
+    pressed[:10] = 1.0
+    given = guided(pressed)
+    late = without(given, "speed/arm", range(20))
+    best, worst = in_violation_s(HandGuiding(stop_within_s=0.3), late)
+
+    assert best == pytest.approx(2.6)
+    assert worst == pytest.approx(2.6 + 0.2)
