@@ -143,6 +143,22 @@ class Watched:
         values = self.get(template)
         return np.full(len(self), np.nan) if values is None else values
 
+    def measured(self, template: str, t: FloatArray, hidden: Sequence[Span]) -> BoolArray:
+        """At which of some times a wanted signal was measured, not between its samples, shape (n,).
+
+        Args:
+            template: Of the signal.
+            t: The times, shape (n,), s.
+            hidden: Where nothing shows it: what follows from other signals is not measured there, whatever
+                follows from those on both sides.
+        """
+        signal = self.trial.signals[self.names[template]]
+        found = np.isin(t, signal.t)
+        if signal.source == DERIVED:
+            for span in hidden:
+                found &= (t < span.start_s) | (t > span.end_s)
+        return found
+
     def state(self, flag: str, max_age_s: float) -> State | None:
         """A flag of the subject over time; `None` when the log has none. See `state_over`."""
         return state_over(self.trial, flag, self.subject.name, self.t, max_age_s=max_age_s)
@@ -326,7 +342,7 @@ class Watched:
             signal = self.trial.find_signal(f"{flag}/{self.subject.name}")
             if signal is None or not len(signal) or window is None:
                 continue
-            spans = _unknown_spans(signal, window, max_age_s)
+            spans = _unknown_spans(signal, window, _stands_s(self.trial, signal, max_age_s))
             state = self.state(flag, max_age_s)
             if spans and state is not None:
                 unknown[signal.name] = spans
@@ -599,7 +615,7 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
         held = before.clip(0)
         # The next one, or itself at its own instant; the last one stands for as long as others.
         behind = np.append(signal.t, np.inf)[np.searchsorted(signal.t, t - TOLERANCE_S, side="left")]
-        within_s = shown_within_s(signal, max_age_s) + TOLERANCE_S
+        within_s = _stands_s(trial, signal, max_age_s) + TOLERANCE_S
         lasts_s = np.where(np.isinf(behind), t, behind) - signal.t[held]
         known = (before >= 0) & (lasts_s <= within_s)
         return State(known & (signal.values[held] >= 0.5), known)
@@ -623,11 +639,21 @@ def _turns(trial: Trial, flag: str, body: str) -> FloatArray:
     return np.array([event.t_s for event in trial.events_of(flag) if event.subject in ("", body)])
 
 
-def _unknown_spans(signal: Signal, window: Span, max_age_s: float) -> list[Span]:
+def _stands_s(trial: Trial, signal: Signal, max_age_s: float) -> float:
+    """How long a sample of a flag stands at most, s.
+
+    Where every interval is bounded, and nobody states how often it is published, a sample shows its own
+    instant alone: who leaves out samples evenly would choose what is usual.
+    """
+    every = trial.between is not None and trial.between.every
+    return 0.0 if every and not signal.stated_rate_hz else shown_within_s(signal, max_age_s)
+
+
+def _unknown_spans(signal: Signal, window: Span, stands_s: float) -> list[Span]:
     """Where in a competition the signal of a flag does not show it, as `state_over` has it."""
     edges = np.concatenate(([-np.inf], signal.t, [np.inf]))
     starts, ends = np.maximum(edges[:-1], window.start_s), np.minimum(edges[1:], window.end_s)
-    longest_s = np.full(len(starts), shown_within_s(signal, max_age_s))
+    longest_s = np.full(len(starts), stands_s)
     longest_s[0] = 0.0  # nothing stands for what was before the first
     whole = np.diff(edges)
     whole[-1] = window.end_s - edges[-2]

@@ -535,7 +535,7 @@ class Within(Formula):
         cut_s = [run.start_s for run, _ in runs if any(run.overlaps(gap) for gap in hidden)]
         seen_s = sorted({*counted_s, *cut_s})
         answered = self._answered(signals)
-        answered = answered[self._measured(self.response, signals, answered)]
+        answered = answered[self._measured(self.response, signals, answered, hidden)]
         asked = asked_at_worst(seen_s, hidden, answered, ends_s)
         late = [
             self._too_late(signals, span, f"came after {span.duration_s:.3f} s at worst", late_s)
@@ -563,13 +563,12 @@ class Within(Formula):
         """When the response held, s."""
         return watched.t[self._of(self.response, watched).true]
 
-    def _measured(self, text: str, watched: Watched, t: FloatArray) -> BoolArray:
+    def _measured(self, text: str, watched: Watched, t: FloatArray, hidden: Sequence[Span]) -> BoolArray:
         """Which of some times are samples of all signals that a formula reads, not between two of them."""
-        read = [one.template for name, one in self._sources.items() if re.search(rf"\b{name}\b", text)]
-        signals = [watched.trial.signals[watched.names[template]] for template in read]
-        measured: BoolArray = np.all(
-            [np.ones(len(t), dtype=bool), *(np.isin(t, s.t) for s in signals)], axis=0
-        )
+        measured = np.ones(len(t), dtype=bool)
+        for name, source in self._sources.items():
+            if re.search(rf"\b{name}\b", text):
+                measured &= watched.measured(source.template, t, hidden)
         return measured
 
     def _late(self, watched: Watched, began: float, takes: float) -> Finding:
