@@ -6,6 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from ariac_score.checks.depth import DepthProfile, joined_profiles
 from ariac_score.checks.findings import Finding, Verdict
@@ -364,11 +365,25 @@ def _shallowest(profile: DepthProfile, hidden: Sequence[Span], *, alone: bool) -
     ends = {t for one in hidden for t in (one.start_s, one.end_s)}
     t_s = sorted({*profile.t_s, *ends})
     depth = [0.0 if _is_in(hidden, t) else profile.at(t) for t in t_s]
+    instants = [(t, deep) for t, deep in _instants(profile) if not _is_in(hidden, t)]
     most, at_s = max(zip(profile.depth, profile.t_s, strict=True), key=lambda one: one[0])
-    if alone and max(depth) < most:
-        here = t_s.index(at_s)
-        t_s, depth = [*t_s[:here], at_s, *t_s[here:]], [*depth[:here], most, *depth[here:]]
-    return DepthProfile(tuple(t_s), (*depth[:-1], 0.0))
+    if alone and max([*depth, *(deep for _, deep in instants)]) < most:
+        instants.append((at_s, most))
+    return _profile(t_s, depth, instants)
+
+
+def _instants(profile: DepthProfile) -> list[tuple[float, float]]:
+    """Times and depths of the steps of no length, such as of the last sample of a competition."""
+    steps = zip(pairwise(profile.t_s), profile.depth, strict=False)
+    return [(begins_s, deep) for (begins_s, ends_s), deep in steps if begins_s == ends_s and deep > 0.0]
+
+
+def _profile(
+    t_s: Sequence[float], depth: Sequence[float], instants: Sequence[tuple[float, float]]
+) -> DepthProfile:
+    """A profile of steps, the last of which has no depth, and of instants, each before the step then."""
+    steps = sorted([*instants, *zip(t_s, depth, strict=True)], key=lambda one: one[0])
+    return DepthProfile(tuple(at for at, _ in steps), (*(deep for _, deep in steps[:-1]), 0.0))
 
 
 def _is_in(spans: Sequence[Span], t_s: float) -> bool:
@@ -387,7 +402,8 @@ def _deepest(parts: Sequence[Span], seen: Sequence[Finding], brief: Sequence[Dep
     ends |= {t for one in profiles for t in one.t_s}
     t_s = tuple(sorted(ends)) if len(ends) > 1 else (*ends, *ends)  # a competition of one instant
     depth = [1.0 if _is_in(parts, t) else max((one.at(t) for one in profiles), default=0.0) for t in t_s]
-    return DepthProfile(t_s, (*depth[:-1], 0.0))
+    instants = [one for profile in profiles for one in _instants(profile) if not _is_in(parts, one[0])]
+    return _profile(t_s, depth, instants)
 
 
 def whole_window(

@@ -12,7 +12,7 @@ from ariac_score.checks.contracts import InstantVerdict, OnlineWatch, SignalNeed
 from ariac_score.checks.findings import Finding, Verdict
 from ariac_score.checks.in_gaps import InGaps
 from ariac_score.checks.measures import Measure
-from ariac_score.checks.open_findings import Cause, Worlds
+from ariac_score.checks.open_findings import Worlds
 from ariac_score.checks.parameters import check_parameters
 from ariac_score.checks.when_cut import WhenCut
 from ariac_score.errors import MissingSignalError
@@ -31,7 +31,7 @@ from ariac_score.monitors.limits import (
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
 from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
-from ariac_score.monitors.worlds import Opened, alike, open_worlds
+from ariac_score.monitors.worlds import Opened, alike, open_worlds, undecided_worlds
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
 from ariac_score.trial.model import Body, Trial
@@ -280,7 +280,10 @@ class _Unseen:
         clause = self.monitor.rules.clause
         if self.monitor.flags:
             watched = watched.where_known(self.monitor.flags, self.monitor.max_flag_age_s)
-        opened = None if self._is_idle(watched) else open_worlds(watched, judge, self._says)
+        idle = self._is_idle(watched)
+        if idle and len(watched):
+            watched = replace(watched, gaps=[])
+        opened = None if idle else open_worlds(watched, judge, self._says)
         if opened is not None and watched.gaps and not opened.said:
             stated = _decided(watched, judge, opened)
         else:
@@ -289,8 +292,9 @@ class _Unseen:
                 # What stood through a gap that is short enough for the monitor, and turned in it.
                 stated = list(opened.statements)
         yield from stated
-        if opened is None and not watched.gaps and len(watched):
-            yield from self._undecided(watched, _findings(stated))
+        undecided = any(one.verdict is Verdict.INCONCLUSIVE for one in _findings(stated))
+        if opened is None and undecided and len(watched) and not why:
+            yield self._undecided(watched, stated)
         if opened is not None and not opened.agree:
             worlds: Worlds | None = opened.worlds
         elif why:
@@ -305,15 +309,15 @@ class _Unseen:
         if worlds is not None:
             yield worlds
 
-    def _undecided(self, watched: Watched, stated: Sequence[Finding]) -> Iterator[Worlds]:
-        """Both worlds of what is undecided though nothing lacks, such as a stop at the end, if it says."""
-        undecided = [one for one in stated if one.verdict is Verdict.INCONCLUSIVE]
-        worst = self.monitor.at_worst(watched, []) if undecided else None
+    def _undecided(self, watched: Watched, stated: Sequence[Statement]) -> Worlds:
+        """Both worlds of what is undecided though nothing lacks that is wanted, such as a stop at the end."""
+        worlds = undecided_worlds(watched, stated, self._says)
+        worst = self.monitor.at_worst(watched, watched.gaps)
         if worst:
-            best = [one for one in stated if one.verdict is not Verdict.INCONCLUSIVE]
-            causes = tuple(Cause(one.message, spans=(one.span,) if one.span else ()) for one in undecided)
-            name = watched.subject.name
-            yield Worlds(name, tuple(best) or (nothing_broken(name, self._says),), tuple(worst), causes)
+            best = [one for one in _findings(stated) if one.verdict is not Verdict.INCONCLUSIVE]
+            best = best or [nothing_broken(watched.subject.name, self._says)]
+            worlds = replace(worlds, best=tuple(best), worst=tuple(worst))
+        return worlds
 
     def _is_idle(self, watched: Watched) -> bool:
         """Whether the log shows that there was nothing that a violation would have to come after."""

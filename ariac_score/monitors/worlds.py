@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ariac_score.checks.findings import Finding, Verdict, canonical
-from ariac_score.checks.open_findings import Worlds
+from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import Judged, blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
@@ -37,6 +37,7 @@ __all__ = [
     "Opened",
     "alike",
     "open_worlds",
+    "undecided_worlds",
 ]
 
 Judge: TypeAlias = Callable[[Watched], Iterable[Statement]]
@@ -140,6 +141,16 @@ def _blunt(
         watched.subject.name, monitor, readings, opened, spans, courses=courses, at_worst=at_worst
     )
     return Opened(worlds, tuple(judged[1]), agree=False, said=said)
+
+
+def undecided_worlds(watched: Watched, stated: Sequence[Statement], monitor: Worsening) -> Worlds:
+    """Both worlds of what a monitor leaves undecided by itself: kept at best, broken throughout at worst."""
+    name, window = watched.subject.name, watched.trial.window
+    undecided = [one for one in _findings(stated) if one.verdict is Verdict.INCONCLUSIVE]
+    spans = merged(span for one in undecided if (span := one.span or window))
+    worlds = blunt_worlds(name, monitor, [list(_by_limit(stated, monitor))], [], spans)
+    causes = (Cause(one.message, spans=(one.span,) if one.span else ()) for one in undecided)
+    return replace(worlds, causes=tuple(causes))
 
 
 def _apart_s(watched: Watched) -> Iterator[float]:
