@@ -11,6 +11,7 @@ from ariac_score.engine.ask import ask_worlds
 from ariac_score.engine.prepared import Prepared, PreparedCheck
 from ariac_score.monitors.worlds import alike
 from ariac_score.trial.model import Trial
+from ariac_score.trial.spans import Span
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.window import WindowEnds, ends_of, lasting, surely_of
 
@@ -54,7 +55,8 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
     lengths = [_by_subject(one) for one in (shortest, asked, longest)]
     subjects = sorted({subject for found in lengths for subject in found})
     opened = {
-        subject: _opened([found.get(subject, _NOTHING) for found in lengths], ends) for subject in subjects
+        subject: _opened([found.get(subject, _NOTHING) for found in lengths], ends, trial.window)
+        for subject in subjects
     }
     return _numbered(each.name, {subject: both for subject, both in opened.items() if both is not None})
 
@@ -115,7 +117,7 @@ def _by_subject(asked: Asked) -> dict[str, _Both]:
     return both
 
 
-def _opened(lengths: Sequence[_Both], ends: WindowEnds) -> _Both | None:
+def _opened(lengths: Sequence[_Both], ends: WindowEnds, window: Span | None) -> _Both | None:
     """Both worlds of a subject over all lengths, the shortest first; `None` where nothing is open."""
     stated = lengths[1]
     # A shorter competition is the better one, and a longer one the worse, unless the check says otherwise.
@@ -126,7 +128,9 @@ def _opened(lengths: Sequence[_Both], ends: WindowEnds) -> _Both | None:
     if not stated.is_open and _undecided(stated.best) and _undecided(harsher.worst):
         return None  # it is open as a whole, and is priced so
     cause = Cause(ends.words, spans=tuple(span for span in (ends.start, ends.end) if span.duration_s > 0.0))
-    causes = tuple(dict.fromkeys((*stated.causes, cause)))
+    # Where all of the competition is open anyway, to know its ends would narrow nothing.
+    is_whole = any(window in one.spans for one in stated.causes)
+    causes = stated.causes if is_whole else tuple(dict.fromkeys((*stated.causes, cause)))
     best, worst = _settled(kinder.best, Verdict.SATISFIED), _settled(harsher.worst, Verdict.VIOLATED)
     return _Both(best, worst, causes, kinder.tight and harsher.tight, is_open=True)
 

@@ -68,6 +68,7 @@ def blunt_worlds(
     spans: Sequence[Span],
     *,
     courses: Sequence[Span] = (),
+    limits: int = 1,
     at_worst: Sequence[Finding] | None = None,
 ) -> Worlds:
     """Both worlds where nothing says what can have been in some spans.
@@ -80,6 +81,7 @@ def blunt_worlds(
         opened: The streams that lack samples.
         spans: Where they do; at least one.
         courses: What is judged each by itself.
+        limits: How many limits it has: one that nothing shows may have been broken, too.
         at_worst: What may have been at worst; `None`: whatever was seen, and all of what is hidden.
     """
     # What a monitor itself leaves undecided may be due to what else it reads, and a gap hides.
@@ -97,12 +99,16 @@ def blunt_worlds(
         for limits in readings
     ]
     most = (
-        [_most(subject, hidden, monitor, limits, courses) for limits in readings]
+        [_most(subject, hidden, monitor, _all_limits(judged, limits), courses) for judged in readings]
         if at_worst is None
         else [list(at_worst)]
     )
     best, worst = _least_of(least), _most_of(most)
     return Worlds(subject, tuple(best), tuple(worst), causes_of_spans(opened, spans))
+
+
+def _all_limits(judged: Sequence[Judged], limits: int) -> list[Judged]:
+    return [*judged, *[Judged((), ())] * (limits - len(judged))]
 
 
 def _lasting(findings: Sequence[Finding]) -> float:
@@ -414,6 +420,9 @@ def whole_window(
     *,
     seen: Worlds | None = None,
     certain: Sequence[Finding] = (),
+    courses: Sequence[Span] = (),
+    limits: int = 1,
+    at_worst: Sequence[Finding] | None = None,
 ) -> Worlds | None:
     """What is open where nothing shows a subject in the whole competition; `None` without a window.
 
@@ -424,12 +433,16 @@ def whole_window(
         why: In words.
         seen: What was found all the same.
         certain: What is found in every competition that may have been.
+        courses: What is judged each by itself.
+        limits: How many limits it has.
+        at_worst: What may have been at worst; `None`: all limits were broken throughout.
     """
     window = trial.window
     if trial.between is None or window is None:
         return None
     worst: tuple[Finding, ...] = () if seen is None else seen.worst
-    broken = _most(subject, [window], monitor, [Judged((), worst)])
+    judged = _all_limits([Judged((), worst)], limits)
+    broken = _most(subject, [window], monitor, judged, courses) if at_worst is None else at_worst
     kept = [one for one in certain if one.verdict is not Verdict.INCONCLUSIVE]
     best = tuple(kept) or (nothing_broken(subject, monitor),)
     cause = Cause(why, spans=(window,))

@@ -30,7 +30,16 @@ from ariac_score.monitors.limits import (
 )
 from ariac_score.monitors.online import SubjectsOnline
 from ariac_score.monitors.subjects import Subject, Subjects, nobody
-from ariac_score.monitors.watched import Signals, UndecidedError, Watched, seen, watch_subjects
+from ariac_score.monitors.watched import (
+    Signals,
+    UndecidedError,
+    Watched,
+    found_or_due,
+    lacking_signal,
+    seen,
+    watch_subjects,
+    watched_signals,
+)
 from ariac_score.monitors.worlds import Opened, alike, open_worlds, undecided_worlds
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.chart import Chart
@@ -163,9 +172,18 @@ class SubjectMonitor:
         raise NotImplementedError
 
     def courses(self, signals: Watched) -> Sequence[Span]:
-        """What it judges each by itself, such as a stop until the next start: each may be violated."""
+        """What it judges each by itself, such as a stop until the next start: each may be violated.
+
+        Args:
+            signals: As samples stand; none, where the log lacks one.
+        """
         del signals
         return ()
+
+    def limits(self, signals: Watched) -> int:
+        """How many limits it judges, each of which may be broken at the same time as the others."""
+        del signals
+        return 1
 
     def at_worst(self, signals: Watched, hidden: Sequence[Span]) -> Sequence[Finding] | None:
         """What may have been at worst, given where nothing shows it: violations, or that there were none.
@@ -174,7 +192,7 @@ class SubjectMonitor:
         full depth.
 
         Args:
-            signals: As samples stand, without gaps.
+            signals: As samples stand, without gaps; none, where the log lacks one.
             hidden: Where nothing shows what was, in time order.
         """
         del signals, hidden
@@ -264,14 +282,38 @@ class _Unseen:
             monitor.may_hide,
             monitor.courses,
             graded=monitor.rules.graded,
+            limits=monitor.limits,
             at_worst=monitor.at_worst,
         )
 
     def nothing(self, trial: Trial, subject: Subject, why: str) -> Iterator[Statement]:
         """All of the competition is open."""
-        found = whole_window(trial, subject.name, self._says, why)
+        monitor, window, hollow = self.monitor, trial.window, self._hollow(trial, subject)
+        if window is None:
+            return
+        found = whole_window(
+            trial,
+            subject.name,
+            self._says,
+            why,
+            courses=() if hollow is None else monitor.courses(hollow),
+            limits=1 if hollow is None else monitor.limits(hollow),
+            at_worst=None if hollow is None else monitor.at_worst(hollow, [window]),
+        )
         if found is not None:
             yield found
+
+    def _hollow(self, trial: Trial, subject: Subject) -> Watched | None:
+        """Its signals where one of them lacks: no samples, but what they are, and what else there is."""
+        monitor = self.monitor
+        names = {template: subject.fill(template) for template in monitor.wanted}
+        units = dict(zip(names.values(), monitor.wanted.values(), strict=True))
+        signals = [trial.signals.get(name) or lacking_signal(name, unit) for name, unit in units.items()]
+        helpful = ((one, found_or_due(trial, subject.fill(one))) for one in monitor.optional)
+        optional = {one: signal for one, signal in helpful if signal is not None}
+        if not signals:
+            return None
+        return watched_signals(signals, monitor.max_gap_s, trial, subject, names=names, optional=optional)
 
     def about(
         self, watched: Watched, judge: Callable[[Watched], Iterable[Statement]], why: str

@@ -32,6 +32,7 @@ from ariac_score.trial.spans import (
     sample_durations,
     uncovered_spans,
 )
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = [
     "ENVIRONMENT",
@@ -152,7 +153,9 @@ class Watched:
             hidden: Where nothing shows it: what follows from other signals is not measured there, whatever
                 follows from those on both sides.
         """
-        signal = self.trial.signals[self.names[template]]
+        signal = self.trial.signals.get(self.names[template])
+        if signal is None:
+            return np.zeros(len(t), dtype=bool)
         found = np.isin(t, signal.t)
         if signal.source == DERIVED:
             for span in hidden:
@@ -277,8 +280,8 @@ class Watched:
     @cached_property
     def usual_s(self) -> float:
         """The usual interval of that of its signals which comes least often, s; infinite of one sample."""
-        signals = [self.trial.signals[name] for name in self.names.values()]
-        return max((usual_interval_s(one) for one in signals), default=math.inf)
+        signals = (self.trial.signals.get(name) for name in self.names.values())
+        return max((usual_interval_s(one) for one in signals if one is not None), default=math.inf)
 
     @property
     def shown_before(self) -> BoolArray:
@@ -339,8 +342,8 @@ class Watched:
         """
         window, unknown, known = self.trial.window, {}, np.ones(len(self), dtype=bool)
         for flag in flags:
-            signal = self.trial.find_signal(f"{flag}/{self.subject.name}")
-            if signal is None or not len(signal) or window is None:
+            signal = found_or_due(self.trial, f"{flag}/{self.subject.name}")
+            if signal is None or window is None:
                 continue
             spans = _unknown_spans(signal, window, _stands_s(self.trial, signal, max_age_s))
             state = self.state(flag, max_age_s)
@@ -550,11 +553,13 @@ def _watched(
     """
     names = {template: subject.fill(template) for template in wanted}
     signals = [trial.signal(names[template], unit=unit) for template, unit in wanted.items()]
-    helpful = {
-        template: signal
-        for template, unit in optional.items()
-        if (signal := trial.find_signal(subject.fill(template), unit=unit)) is not None
-    }
+    turning, helpful = [*turning], {}
+    for template, unit in optional.items():
+        name = subject.fill(template)
+        signal = trial.find_signal(name, unit=unit)
+        signal = found_or_due(trial, name) if signal is None and template in turning else signal
+        if signal is not None:
+            helpful[template] = signal
     turns = [helpful[one].t if one in helpful else _turns(trial, one, subject.name) for one in turning]
     return watched_signals(
         signals,
@@ -565,6 +570,27 @@ def _watched(
         optional=helpful,
         turns=distinct(np.concatenate(turns)) if turns else None,
     )
+
+
+def found_or_due(trial: Trial, name: str) -> Signal | None:
+    """A signal; without samples where its organiser says that it is published, and it is not there.
+
+    `None`: nobody says so.
+    """
+    found, due = trial.signals.get(name), trial.stand_ins.get(name)
+    if found is not None and len(found):
+        return found
+    if due is None or trial.between is None:
+        return None
+    return replace(lacking_signal(name), source=due.topic, stated_rate_hz=due.rate_hz)
+
+
+def lacking_signal(name: str, unit: str = "") -> Signal:
+    """A signal without samples."""
+    quantity = QUANTITIES.get(quantity_of(name))
+    components = 1 if quantity is None else quantity.components
+    values = np.empty((0, components) if components > 1 else 0)
+    return Signal(name, unit or (quantity.unit if quantity else ""), np.empty(0), values)
 
 
 # What stays as it is until it changes -------------------------------------------------------
@@ -619,6 +645,8 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
         lasts_s = np.where(np.isinf(behind), t, behind) - signal.t[held]
         known = (before >= 0) & (lasts_s <= within_s)
         return State(known & (signal.values[held] >= 0.5), known)
+    if found_or_due(trial, f"{name}/{body}") is not None:
+        return State(np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool))
     events = [e for e in trial.events_of(name) if e.subject in ("", body)]
     if not events and name not in trial.witnessed:
         return None
@@ -651,6 +679,8 @@ def _stands_s(trial: Trial, signal: Signal, max_age_s: float) -> float:
 
 def _unknown_spans(signal: Signal, window: Span, stands_s: float) -> list[Span]:
     """Where in a competition the signal of a flag does not show it, as `state_over` has it."""
+    if not len(signal):
+        return [window]
     edges = np.concatenate(([-np.inf], signal.t, [np.inf]))
     starts, ends = np.maximum(edges[:-1], window.start_s), np.minimum(edges[1:], window.end_s)
     longest_s = np.full(len(starts), stands_s)

@@ -24,7 +24,7 @@ from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream, ce
 from ariac_score.monitors.limits import JudgedLimit, Statement
 from ariac_score.monitors.pauses import joined_where_one, touch, violations_of
 from ariac_score.monitors.unseen import Unseen
-from ariac_score.monitors.watched import UndecidedError, Watched
+from ariac_score.monitors.watched import UndecidedError, Watched, found_or_due
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
@@ -99,7 +99,8 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         if isinstance(signal, Computed) and quantity_of(signal.name) in (*SPEEDS, "velocity"):
             # A speed over several intervals follows from places in those beside it.
             spans += [s for one in unseen.streams(signal) for s in one.spans(window, HALF_WINDOW_SAMPLES)]
-    opened += [Stream.never_open(trial.signals[name]) for name in watched.unknown]
+    lacking = (found_or_due(trial, name) for name in watched.unknown)
+    opened += [Stream.never_open(signal) for signal in lacking if signal is not None]
     hidden = merged(spans, within_s=TOLERANCE_S)
     first, *others = signals.values()
     # A speed that follows from places is of several; and a row may be a sample of one signal alone.
@@ -131,6 +132,7 @@ def _blunt(
             judged.append([])
             spans = [window]
     at_worst = monitor.at_worst(going_on, spans) if monitor.at_worst is not None and all(judged) else None
+    limits = 1 if monitor.limits is None else monitor.limits(going_on)
     if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
         kept = tuple(at_worst)
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
@@ -138,7 +140,14 @@ def _blunt(
     readings = [list(_by_limit(one, monitor)) for one in judged]
     courses = monitor.courses(going_on) if monitor.courses is not None and len(watched) else ()
     worlds = blunt_worlds(
-        watched.subject.name, monitor, readings, opened, spans, courses=courses, at_worst=at_worst
+        watched.subject.name,
+        monitor,
+        readings,
+        opened,
+        spans,
+        courses=courses,
+        limits=limits,
+        at_worst=at_worst,
     )
     return Opened(worlds, tuple(judged[1]), agree=False, said=said)
 

@@ -37,6 +37,7 @@ class Worsening:
         courses: What it judges each by itself, such as a stop until the next start: each may be violated.
         shows_itself: Whether a sample by itself shows its own instant.
         graded: Whether the depth relative to the limit says how bad a violation is.
+        limits: How many limits it judges, given the signals of a subject; `None`: one.
         at_worst: What it finds in the worst world, given where nothing shows it; `None`: its limit may have
             been broken there, all of the time and at full depth.
     """
@@ -53,4 +54,5 @@ class Worsening:
     courses: Callable[[Watched], Sequence[Span]] | None = None
     shows_itself: bool = True
     graded: bool = True
+    limits: Callable[[Watched], int] | None = None
     at_worst: Callable[[Watched, Sequence[Span]], Sequence[Finding] | None] | None = None

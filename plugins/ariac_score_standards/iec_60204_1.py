@@ -162,6 +162,9 @@ class StopPerformance(SubjectMonitor):
         window = signals.trial.window
         found = []
         for request in events_about(signals, self.only_after):
+            if not len(signals):
+                found.append(self._bad(signals, request, window or Span(request.t_s, request.t_s)))
+                continue
             stop = self._stop(signals, request)
             ended_s = request.t_s if stop.span is None else stop.span.end_s
             course = Span(request.t_s, max(ended_s, request.t_s) + max(self.hold_s, self.power_wait_s))

@@ -228,6 +228,10 @@ class AgvProtectiveField(LimitMonitor):
         "exposure_s": Measure("s", meaning="how long the person was near the moving truck"),
     }
 
+    def limits(self, signals: Watched) -> int:
+        """That it brakes, and where the log has their distance that it touches nobody."""
+        return 1 + (_APART in signals.optional)
+
     def stopping_distance_m(self, speed_m_s: FloatArray) -> FloatArray:
         """S_A of each speed, shape (n,), m."""
         braking = braking_distance_m(speed_m_s, self.deceleration_m_s2)

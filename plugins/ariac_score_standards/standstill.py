@@ -90,6 +90,10 @@ class MonitoredStandstill(LimitMonitor):
         """The workspace, where it is not given."""
         return "" if self.workspace else "no workspace is given, so nobody can be inside"
 
+    def limits(self, signals: Watched) -> int:
+        """Of the speed, and where the log has them of the joints and of the drift."""
+        return 1 + len(signals.optional.keys() & {_PLACE, _JOINTS})
+
     def held(self, t: FloatArray, within: BoolArray, max_gap_s: float | None = None) -> BoolArray:
         """Whether the robot must be at rest: a person inside, and the grace over.
 

@@ -36,6 +36,7 @@ from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch, Channel
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import Span
+from ariac_score.trial.vocabulary import subject_of
 
 __all__ = ["Collector"]
 
@@ -453,12 +454,15 @@ class Collector:
                 intake.settle_transformed(builder, origin_ns, self._tree)
 
     def _add_unrecorded_bodies(self, builder: TrialBuilder, due: Set[str]) -> None:
-        """Add the bodies that should have been recorded, where others of their kind were."""
+        """Add the bodies that lack: where others of their kind were, or at a stated rate."""
         # A monitor misses only the signals of bodies it knows of: without these, it would find nothing wrong
-        # with the others. Where none of a kind was recorded, it already finds that nobody is there.
+        # with the others. Where none of a kind was recorded, it already finds that nobody is there, but not
+        # how often a limit of theirs may have been broken.
         kinds = {body.kind for body in builder.bodies.values()}
+        stated = {part for name in builder.due for part in subject_of(name).split("/")}
         for body in self._wanted.log_map.bodies:
-            if body.id in due and body.id not in builder.bodies and body.kind in kinds:
+            known = body.kind in kinds or body.id in stated
+            if body.id in due and body.id not in builder.bodies and known:
                 builder.add_body(body)
 
     def _retime(self) -> None:
