@@ -104,6 +104,8 @@ def blunt_worlds(
         else [list(at_worst)]
     )
     best, worst = _least_of(least), _most_of(most)
+    if all(one.verdict is Verdict.NOT_APPLICABLE for one in best):  # or it applied in a gap, and was kept
+        best = [nothing_broken(subject, monitor)]
     return Worlds(subject, tuple(best), tuple(worst), causes_of_spans(opened, spans))
 
 

@@ -496,10 +496,12 @@ class Within(Formula):
             return
         if not answers:
             in_time = " so that a response was due" if self._answers(signals) else ""
-            message = f"'{self.trigger}' never began to hold{in_time}"
-            yield Finding.not_applicable(signals.subject.name, message, clause=self.rules.clause)
+            yield self._never_asked(signals, f"'{self.trigger}' never began to hold{in_time}")
             return
         yield self._in_time(signals, answers)
+
+    def _never_asked(self, watched: Watched, message: str) -> Finding:
+        return Finding.not_applicable(watched.subject.name, message, clause=self.rules.clause)
 
     def _due(self, watched: Watched) -> list[tuple[float, float]]:
         """The answers but for those that would have been due after the end of the competition."""
@@ -548,6 +550,9 @@ class Within(Formula):
                 if one.in_vain and one.longest_s <= self.within_s + TOLERANCE_S
             ]
         in_time = [(one.from_s, one.longest_s) for one in asked if not one.in_vain]
+        is_seen = any(not any(gap.start_s <= s <= gap.end_s for gap in hidden) for s in seen_s)
+        if not (late or is_seen):  # what earns points by being kept may have had nothing to keep
+            return [self._never_asked(signals, f"'{self.trigger}' may never have begun to hold")]
         return late or [self._in_time(signals, in_time)]
 
     def _answers(self, watched: Watched) -> list[tuple[float, float]]:
