@@ -254,8 +254,10 @@ def _most(
             for one in limit.findings
             if one.verdict in open_verdicts and one.span is not None and meeting(hidden, one.span)
         )
-        spans = limit.broken or merged(one.span for one in violations if one.span)
-        for whole in merged([*hidden, *spans], within_s=_near_s(monitor)):
+        # A violation may go on where its limit is kept, as a contact does.
+        lasting = merged(one.span for one in violations if one.span)
+        spans = limit.broken or lasting
+        for whole in merged([*hidden, *spans, *lasting], within_s=_near_s(monitor)):
             inside = beginning_in(violations, whole)
             parts, shown = meeting(hidden, whole), meeting(spans, whole)
             may_be = merged(
@@ -329,9 +331,15 @@ def _all_of(
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
-    # Of what is no limit, such as a stop, several may be bad at once.
+    # Of what is no limit, such as a stop, several may be bad at once, or with no pause between them.
+    neighbours = pairwise(sorted(counted))
+    rows += [touch(worst, later.start_s) for sooner, later in neighbours if _no_pause(sooner, later, monitor)]
     at_once = [*counted, *may_be]
     return rows + [touch(worst, span.start_s) for span in at_once[len(rows) :]]
+
+
+def _no_pause(sooner: Span, later: Span, monitor: Worsening) -> bool:
+    return later.start_s - sooner.end_s < monitor.t_off_s - TOLERANCE_S
 
 
 def _told_of(violations: Sequence[Finding]) -> list[str]:

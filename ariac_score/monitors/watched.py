@@ -213,15 +213,7 @@ class Watched:
             gaps = signal.gaps(within, max_gap_s=longest_s)
         else:
             gaps = merged([*self._holes(signal, whole, longest_s), *self._edges(signal, whole)])
-        # Between two rows it hides what the first of them stands for; where all lacks, that is open anyway.
-        shows = np.append(due[:-1] & self.shown_before[1:], due[-1])
-        shows &= self.trial.between is not None
-        rows = [max(int(self.t.searchsorted(gap.start_s, side="right")) - 1, 0) for gap in gaps]
-        return [
-            gap
-            for gap, row in zip(gaps, rows, strict=True)
-            if shows[row] or ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()
-        ]
+        return [gap for gap in gaps if ((unknown >= gap.start_s) & (unknown <= gap.end_s)).any()]
 
     @property
     def _whole(self) -> Span:
@@ -560,7 +552,10 @@ def _watched(
         signal = found_or_due(trial, name) if signal is None and template in turning else signal
         if signal is not None:
             helpful[template] = signal
-    turns = [helpful[one].t if one in helpful else _turns(trial, one, subject.name) for one in turning]
+    turns = [
+        _shown_times(helpful[one], max_gap_s) if one in helpful else _turns(trial, one, subject.name)
+        for one in turning
+    ]
     return watched_signals(
         signals,
         max_gap_s,
@@ -657,6 +652,12 @@ def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: 
     words = np.array([earlier, *(event.detail for event in events)])
     word = words[np.searchsorted(times, t, side="right")]
     return State(word == ON, (word == ON) | (word == OFF))
+
+
+def _shown_times(signal: Signal, max_gap_s: float) -> FloatArray:
+    """When a signal that helps shows something, and just behind each sample from which on it does not, s."""
+    far = np.diff(signal.t) > shown_within_s(signal, max_gap_s) + TOLERANCE_S
+    return np.concatenate([signal.t, signal.t[:-1][far] + 2.0 * TOLERANCE_S])
 
 
 def _turns(trial: Trial, flag: str, body: str) -> FloatArray:

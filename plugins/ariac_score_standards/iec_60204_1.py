@@ -405,9 +405,9 @@ class EstopRestart(LimitMonitor):
         return [Span(one.stop.t_s, max(one.stop.t_s, min(one.end_s, ends_s))) for one in latches]
 
     @property
-    def may_hide(self) -> tuple[dict[str, float]]:
-        """The rest that latches it."""
-        return ({self._speed: 0.0},)
+    def may_hide(self) -> tuple[dict[str, float], ...]:
+        """The rest that latches it, or a movement that was before it."""
+        return {self._speed: 0.0}, {self._speed: 2.0 * self.standstill_speed_m_s + 1.0}
 
     @property
     def reach(self) -> Reach:
@@ -504,7 +504,9 @@ class EstopRestart(LimitMonitor):
         rests = latch.rests(watched.t)
         if rests.start >= rests.stop and end_s > watched.end_s:
             message = f"{_words(stop)} at {stop.t_s:.3f} s: the log does not show whether it came to rest"
-            yield Finding.inconclusive(subject, message, span=trial.window, clause=self.clause)
+            ends_s = watched.end_s if trial.window is None else trial.window.end_s
+            span = Span(stop.t_s, max(stop.t_s, ends_s))
+            yield Finding.inconclusive(subject, message, span=span, clause=self.clause)
             return
         unseen = [gap for gap in watched.gaps if gap.end_s > stop.t_s and gap.start_s < end_s]
         if not movements and not unseen:

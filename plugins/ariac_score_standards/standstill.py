@@ -90,6 +90,11 @@ class MonitoredStandstill(LimitMonitor):
         """The workspace, where it is not given."""
         return "" if self.workspace else "no workspace is given, so nobody can be inside"
 
+    @property
+    def may_hide(self) -> tuple[dict[str, tuple[float, ...]], ...]:
+        """A person who came in, so that rest is due behind the gap, and drift counts from then on."""
+        return ({"position/{human}": (*self.workspace[0][:2], 0.0)},) if self.workspace else ()
+
     def limits(self, signals: Watched) -> int:
         """Of the speed, and where the log has them of the joints and of the drift."""
         return 1 + len(signals.optional.keys() & {_PLACE, _JOINTS})
