@@ -331,9 +331,10 @@ def _all_of(
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
-    # Of what is no limit, such as a stop, several may be bad at once, or with no pause between them.
-    neighbours = pairwise(sorted(counted))
-    rows += [touch(worst, later.start_s) for sooner, later in neighbours if _no_pause(sooner, later, monitor)]
+    # What is judged each by itself, as after a stop, is not one for want of a pause.
+    apart = pairwise(sorted(one for one in counted if _measure(without(one, parts)) == one.duration_s))
+    rows += [touch(worst, later.start_s) for sooner, later in apart if _no_pause(sooner, later, monitor)]
+    # Of what is no limit, several may be bad at once.
     at_once = [*counted, *may_be]
     return rows + [touch(worst, span.start_s) for span in at_once[len(rows) :]]
 

@@ -131,7 +131,8 @@ def _blunt(
         except (UndecidedError, MissingSignalError):
             judged.append([])
             spans = [window]
-    at_worst = monitor.at_worst(going_on, spans) if monitor.at_worst is not None and all(judged) else None
+    decided = all(judged) or not len(watched)
+    at_worst = monitor.at_worst(going_on, spans) if monitor.at_worst is not None and decided else None
     limits = 1 if monitor.limits is None else monitor.limits(going_on)
     if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
         kept = tuple(at_worst)

@@ -529,8 +529,9 @@ class Within(Formula):
         window = signals.trial.window
         ends_s = signals.end_s if window is None else window.end_s
         counted_s = [began_s for began_s, _ in self._answers(signals)]
+        usual_s = signals.usual_s if math.isfinite(signals.usual_s) else self.max_gap_s
         # What was seen to begin twice can begin so soon again.
-        pause_s = min([max(self.t_on_s + self.t_off_s, signals.usual_s), *np.diff(counted_s).tolist()])
+        pause_s = min([max(self.t_on_s + self.t_off_s, usual_s), *np.diff(counted_s).tolist()])
         # A run that is too brief to count may have gone on where nothing shows it.
         triggered = self._of(self.trigger, signals).true
         runs = rows_of_episodes(signals, triggered, t_off_s=self.t_off_s)

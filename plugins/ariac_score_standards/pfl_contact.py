@@ -275,7 +275,7 @@ class PflContact(LimitMonitor):
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         if pressed.hidden.any() and not violated:
             hidden_s = float(watched.t[rows[np.argmax(pressed.hidden)]])
-            message += f"; the pressure is recorded, but not at {hidden_s:.3f} s"
+            message += f"; the pressure is recorded, but not from {hidden_s:.3f} s on"
             return Finding.inconclusive(subject, message, span=span, clause=self.clause)
         labels = {"region": limits.name, "region_known": "yes" if contact.known else "no", "phase": phase}
         return Finding(

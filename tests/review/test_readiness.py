@@ -125,8 +125,8 @@ def test_the_exit_code_and_the_text_say_it(without_humans: Path, capsys: pytest.
     assert main(["check", str(without_humans), "--rules", "paper2020.published"]) == 6
     out = capsys.readouterr().out
     assert "trial.mcap leaves its score open under paper2020.published" in out
-    assert "separation: trial:" in out
-    assert out.index("record   one of /snapshot,") < out.index("trial:")
+    assert "separation: robot/human:" in out
+    assert out.index("record   one of /snapshot,") < out.index("robot/human:")
 
     assert (
         main(["check", str(without_humans), "--rules", "paper2020.published", "--output-format", "json"]) == 6
