@@ -263,15 +263,12 @@ def _most(
             may_be = merged(
                 (one.span for one in beginning_in(undecided, whole) if one.span), within_s=_near_s(monitor)
             )
-            own = [
-                Span(max(one.start_s, whole.start_s), whole.end_s) for one in courses if one.overlaps(whole)
-            ]
-            may_be = max(may_be, own[len(inside) :], key=len)
+            each = [one for one in courses if one.overlaps(whole)]
             if not parts:
                 rows += inside
                 continue
             deep = [one for one in limit.depth if one.t_s[0] < whole.end_s and one.t_s[-1] > whole.start_s]
-            rows += _all_of(subject, whole, parts, shown, inside, may_be, monitor, seen, deep)
+            rows += _all_of(subject, whole, parts, shown, inside, may_be, each, monitor, seen, deep)
     return rows
 
 
@@ -282,6 +279,7 @@ def _all_of(
     shown: Sequence[Span],
     inside: Sequence[Finding],
     may_be: Sequence[Span],
+    each: Sequence[Span],
     monitor: Worsening,
     seen: Sequence[Finding],
     deep: Sequence[DepthProfile],
@@ -295,6 +293,7 @@ def _all_of(
         shown: When the limit was seen to be broken, however briefly.
         inside: The violations that were found.
         may_be: When further ones may have been, each of its own.
+        each: What is judged each by itself.
         monitor: What it measures.
         seen: All that was found.
         deep: How deep the limit was broken where it was seen to be; empty: as deep as can be.
@@ -331,16 +330,11 @@ def _all_of(
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
     for span in without(whole, certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
-    # What is judged each by itself, as after a stop, is not one for want of a pause.
-    apart = pairwise(sorted(one for one in counted if _measure(without(one, parts)) == one.duration_s))
-    rows += [touch(worst, later.start_s) for sooner, later in apart if _no_pause(sooner, later, monitor)]
+    # What is judged each by itself, as after a stop, is not one with the others for want of a pause.
+    rows += [touch(worst, max(span.start_s, whole.start_s)) for span in each[1:]]
     # Of what is no limit, several may be bad at once.
     at_once = [*counted, *may_be]
     return rows + [touch(worst, span.start_s) for span in at_once[len(rows) :]]
-
-
-def _no_pause(sooner: Span, later: Span, monitor: Worsening) -> bool:
-    return later.start_s - sooner.end_s < monitor.t_off_s - TOLERANCE_S
 
 
 def _told_of(violations: Sequence[Finding]) -> list[str]:

@@ -52,6 +52,8 @@ US_PARALLEL_M = 1.2
 
 _ISO_CLAUSE = "derived from ISO 13855:{edition}, minimum distance"
 _US_CLAUSE = "derived from OSHA 29 CFR 1910.217 and ANSI B11.19, safety distance"
+_AROUND = 1e6
+"""So many lengths of the line beside it nobody crosses it on the way."""
 _ROUNDING_M = 1e-12
 """500 mm, worked out in m, is 0.5 m whatever the last bit says. All else would switch speeds on rounding."""
 
@@ -259,12 +261,14 @@ class SafeguardDistance(LimitMonitor):
 
     @property
     def may_hide(self) -> tuple[dict[str, tuple[float, ...]], ...]:
-        """A step through the middle of the line."""
+        """A step through the middle of the line, or far around its end."""
         if self.lacks:
             return ()
         of_line, of_zone = _middle_m(self.line), _middle_m(self.hazard)
         just_past = of_line + _ROUNDING_M * (of_zone - of_line)
-        return ({"position/{human}": (float(just_past[0]), float(just_past[1]), 0.0)},)
+        a, b = (np.asarray(end, dtype=np.float64)[:2] for end in self.line)
+        places = just_past, just_past + _AROUND * (b - a)
+        return tuple({"position/{human}": (float(x_m), float(y_m), 0.0)} for x_m, y_m in places)
 
     def statements(self, trial: Trial) -> Iterator[Statement]:
         """About the line itself, then for every pair where the robot moved, or that it did not."""
