@@ -36,6 +36,7 @@ from ariac_score.monitors.encounter import (
     exposure,
     robot_moving,
 )
+from ariac_score.monitors.flags import OFF, ON, State, state_over
 from ariac_score.monitors.limits import (
     Bound,
     Episode,
@@ -52,15 +53,11 @@ from ariac_score.monitors.monitor import LimitMonitor, MarginMonitor, Reach, Sub
 from ariac_score.monitors.subjects import Subject, Subjects, bodies, nobody, pairs
 from ariac_score.monitors.watched import (
     ENVIRONMENT,
-    OFF,
-    ON,
     TOLERANCE_S,
     Signals,
-    State,
     UndecidedError,
     Watched,
     first_of_runs,
-    state_over,
     watch_subjects,
     watched_signals,
 )

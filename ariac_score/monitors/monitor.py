@@ -18,6 +18,7 @@ from ariac_score.checks.when_cut import WhenCut
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import nothing_broken, whole_window
 from ariac_score.monitors.encounter import Encounter
+from ariac_score.monitors.flags import found_or_due, lacking_signal
 from ariac_score.monitors.limits import (
     Bound,
     Details,
@@ -34,8 +35,6 @@ from ariac_score.monitors.watched import (
     Signals,
     UndecidedError,
     Watched,
-    found_or_due,
-    lacking_signal,
     seen,
     watch_subjects,
     watched_signals,

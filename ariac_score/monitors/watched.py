@@ -19,6 +19,15 @@ from numpy.typing import NDArray
 from ariac_score.checks.findings import Finding
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.cells import USUAL_INTERVALS, longest_held_s, shown_within_s, usual_interval_s
+from ariac_score.monitors.flags import (
+    State,
+    flag_times,
+    found_or_due,
+    shown_times,
+    stands_s,
+    state_over,
+    unknown_spans,
+)
 from ariac_score.monitors.subjects import WHOLE_TRIAL, Subject
 from ariac_score.trial.computed import DERIVED
 from ariac_score.trial.model import Trial
@@ -32,19 +41,14 @@ from ariac_score.trial.spans import (
     sample_durations,
     uncovered_spans,
 )
-from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
 
 __all__ = [
     "ENVIRONMENT",
-    "OFF",
-    "ON",
     "TOLERANCE_S",
     "Signals",
-    "State",
     "UndecidedError",
     "Watched",
     "first_of_runs",
-    "state_over",
     "watch_subjects",
     "watched_signals",
 ]
@@ -337,7 +341,7 @@ class Watched:
             signal = found_or_due(self.trial, f"{flag}/{self.subject.name}")
             if signal is None or window is None:
                 continue
-            spans = _unknown_spans(signal, window, _stands_s(self.trial, signal, max_age_s))
+            spans = unknown_spans(signal, window, stands_s(self.trial, signal, max_age_s))
             state = self.state(flag, max_age_s)
             if spans and state is not None:
                 unknown[signal.name] = spans
@@ -553,7 +557,7 @@ def _watched(
         if signal is not None:
             helpful[template] = signal
     turns = [
-        _shown_times(helpful[one], max_gap_s) if one in helpful else _turns(trial, one, subject.name)
+        shown_times(helpful[one], max_gap_s) if one in helpful else flag_times(trial, one, subject.name)
         for one in turning
     ]
     return watched_signals(
@@ -565,133 +569,6 @@ def _watched(
         optional=helpful,
         turns=distinct(np.concatenate(turns)) if turns else None,
     )
-
-
-def found_or_due(trial: Trial, name: str) -> Signal | None:
-    """A signal; without samples where its organiser says that it is published, and it is not there.
-
-    `None`: nobody says so.
-    """
-    found, due = trial.signals.get(name), trial.stand_ins.get(name)
-    if found is not None and len(found):
-        return found
-    if due is None or trial.between is None:
-        return None
-    return replace(lacking_signal(name), source=due.topic, stated_rate_hz=due.rate_hz)
-
-
-def lacking_signal(name: str, unit: str = "") -> Signal:
-    """A signal without samples."""
-    quantity = QUANTITIES.get(quantity_of(name))
-    components = 1 if quantity is None else quantity.components
-    values = np.empty((0, components) if components > 1 else 0)
-    return Signal(name, unit or (quantity.unit if quantity else ""), np.empty(0), values)
-
-
-# What stays as it is until it changes -------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class State:
-    """Whether something is on, at each of some times.
-
-    Attributes:
-        on: Whether it is on, shape (n,); off where it is not known.
-        known: Whether the log shows it, shape (n,).
-    """
-
-    on: BoolArray
-    known: BoolArray
-
-
-ON, OFF = "on", "off"
-
-
-def state_over(trial: Trial, name: str, body: str, t: FloatArray, *, max_age_s: float) -> State | None:
-    """A flag over time: from the signal `name/body`, else from events of that kind.
-
-    A signal's value holds until its next sample, for `max_age_s` at most. Between two that are much further
-    apart than usual it is unknown, for who left out what was between would choose it. An event
-    has the detail `on` or `off` and holds until the next; before the first event the
-    state was the opposite one. An event with neither detail leaves the state unknown. A
-    log that records such events but has none shows a flag that was never on.
-
-    Args:
-        trial: The trial.
-        name: Quantity and event kind, such as `drive_enabled`.
-        body: Id of the body; events without a subject concern every body.
-        t: The times, shape (n,), s.
-        max_age_s: How long a sample of the signal holds at most, s.
-
-    Returns:
-        The state, or `None` when the log has neither.
-
-    Raises:
-        MissingSignalError: The flag is there as consumed only.
-    """
-    signal = trial.find_signal(f"{name}/{body}")
-    if signal is not None and len(signal):
-        # A flag stamped at the same instant counts, though both stamps may differ in their last bits.
-        before = np.searchsorted(signal.t, t + TOLERANCE_S, side="right") - 1
-        held = before.clip(0)
-        # The next one, or itself at its own instant; the last one stands for as long as others.
-        behind = np.append(signal.t, np.inf)[np.searchsorted(signal.t, t - TOLERANCE_S, side="left")]
-        within_s = _stands_s(trial, signal, max_age_s) + TOLERANCE_S
-        lasts_s = np.where(np.isinf(behind), t, behind) - signal.t[held]
-        known = (before >= 0) & (lasts_s <= within_s)
-        return State(known & (signal.values[held] >= 0.5), known)
-    if found_or_due(trial, f"{name}/{body}") is not None:
-        return State(np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool))
-    events = [e for e in trial.events_of(name) if e.subject in ("", body)]
-    if not events and name not in trial.witnessed:
-        return None
-    if not events:
-        return State(np.zeros(len(t), dtype=bool), np.ones(len(t), dtype=bool))
-    times = np.array([e.t_s for e in events])
-    earlier = OFF if events[0].detail == ON else ON if events[0].detail == OFF else ""
-    words = np.array([earlier, *(event.detail for event in events)])
-    word = words[np.searchsorted(times, t, side="right")]
-    return State(word == ON, (word == ON) | (word == OFF))
-
-
-def _shown_times(signal: Signal, max_gap_s: float) -> FloatArray:
-    """When a signal that helps shows something, and just behind each sample from which on it does not, s."""
-    far = np.diff(signal.t) > shown_within_s(signal, max_gap_s) + TOLERANCE_S
-    return np.concatenate([signal.t, signal.t[:-1][far] + 2.0 * TOLERANCE_S])
-
-
-def _turns(trial: Trial, flag: str, body: str) -> FloatArray:
-    """When the log shows a flag, in time order, s: at its samples, or where it has none at events."""
-    signal = trial.find_signal(f"{flag}/{body}")
-    if signal is not None and len(signal):
-        return signal.t
-    return np.array([event.t_s for event in trial.events_of(flag) if event.subject in ("", body)])
-
-
-def _stands_s(trial: Trial, signal: Signal, max_age_s: float) -> float:
-    """How long a sample of a flag stands at most, s.
-
-    Where every interval is bounded, and nobody states how often it is published, a sample shows its own
-    instant alone: who leaves out samples evenly would choose what is usual.
-    """
-    every = trial.between is not None and trial.between.every
-    return 0.0 if every and not signal.stated_rate_hz else shown_within_s(signal, max_age_s)
-
-
-def _unknown_spans(signal: Signal, window: Span, stands_s: float) -> list[Span]:
-    """Where in a competition the signal of a flag does not show it, as `state_over` has it."""
-    if not len(signal):
-        return [window]
-    edges = np.concatenate(([-np.inf], signal.t, [np.inf]))
-    starts, ends = np.maximum(edges[:-1], window.start_s), np.minimum(edges[1:], window.end_s)
-    longest_s = np.full(len(starts), stands_s)
-    longest_s[0] = 0.0  # nothing stands for what was before the first
-    whole = np.diff(edges)
-    whole[-1] = window.end_s - edges[-2]
-    # A whole interval before the end a sample lacks.
-    longest_s[-1] = min(longest_s[-1], usual_interval_s(signal) - 2 * TOLERANCE_S)
-    rows = np.flatnonzero((ends - starts > TOLERANCE_S) & (whole > longest_s + TOLERANCE_S))
-    return [Span(float(starts[row]), float(ends[row])) for row in rows]
 
 
 def first_of_runs(t: FloatArray, holds: BoolArray, longest_s: float) -> NDArray[np.intp]:

@@ -21,10 +21,11 @@ from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import Judged, blunt_worlds
 from ariac_score.monitors.causes import causes_of_cells
 from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream, cells_of
+from ariac_score.monitors.flags import found_or_due
 from ariac_score.monitors.limits import JudgedLimit, Statement
 from ariac_score.monitors.pauses import joined_where_one, touch, violations_of
 from ariac_score.monitors.unseen import Unseen
-from ariac_score.monitors.watched import UndecidedError, Watched, found_or_due
+from ariac_score.monitors.watched import UndecidedError, Watched
 from ariac_score.monitors.worsening import Worse, Worsening
 from ariac_score.trial.computed import Computed
 from ariac_score.trial.signals import Signal
