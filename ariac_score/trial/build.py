@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Protocol, TypeVar
@@ -22,7 +22,7 @@ from ariac_score.trial.model import Body, Due, LogDefect, OfficialResult, TeamSe
 from ariac_score.trial.shift import shifted
 from ariac_score.trial.signals import Series, Signal, settle
 from ariac_score.trial.spans import FloatArray, Span
-from ariac_score.trial.vocabulary import QUANTITIES, quantity_of
+from ariac_score.trial.vocabulary import QUANTITIES, quantity_of, subject_of
 from ariac_score.trial.window import earliest_start_s
 from ariac_score.trial.work import (
     Fact,
@@ -231,7 +231,7 @@ class TrialBuilder:
             work=tuple(self.work),
             submissions=tuple(sorted(self.submissions, key=lambda s: s.submitted_s)),
             events=tuple(sorted(set(self.events))),
-            bodies=tuple(self.bodies[k] for k in sorted(self.bodies)),
+            bodies=_present([self.bodies[k] for k in sorted(self.bodies)], self.signals, self.witnessed),
             signals={k: self.signals[k] for k in sorted(self.signals)},
             team=self.team,
             official=self.official,
@@ -303,6 +303,12 @@ def _span_of(
 def _not_in(recorded: Iterable[str], due: Mapping[str, Due]) -> dict[str, Due]:
     """The signals that were due on a topic and nobody recorded."""
     return {name: due[name] for name in sorted(due.keys() - set(recorded))}
+
+
+def _present(bodies: Iterable[Body], recorded: Iterable[str], witnessed: Set[str]) -> tuple[Body, ...]:
+    """The bodies but for those of a kind of which the log says that there was none, if nothing shows them."""
+    shown = {part.partition("::")[0] for name in recorded for part in subject_of(name).split("/")}
+    return tuple(one for one in bodies if one.id in shown or f"{one.kind} bodies" not in witnessed)
 
 
 def _joined(known: Body | None, body: Body, file: object) -> Body:
@@ -379,6 +385,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
             (p.origin.file, p.attestation) for p in parts if p.origin and p.origin.role == "log"
         ),
     )
+    merged = replace(merged, bodies=_present(merged.bodies, merged.signals, merged.witnessed))
     join = getattr(competition, "join", None)
     merged = _joined_plainly(merged, parts, file) if join is None else join(merged, parts, file)
     return _within_competition(with_open_work(merged, parts))
