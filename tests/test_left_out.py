@@ -130,6 +130,11 @@ def coming(t_s: float) -> list[float]:
     return [round(x_m, 6), 0.0, 1.0]
 
 
+def coming_nearer_every_2_s(t_s: float) -> float:
+    phase = (t_s % 2 - 0.15) / 0.3
+    return 1.1 - 0.1 * (1 - math.cos(2 * math.pi * phase)) if 0 < phase < 1 else 1.1
+
+
 CASES: Mapping[str, Case] = {
     "places between which it was never at rest": Case(
         ANSWER,
@@ -143,6 +148,16 @@ CASES: Mapping[str, Case] = {
         "10 / (1 + count(it))",
         {"position/robot": (100, circling), "position/ann": (100, coming)},
         of_signal("position/robot", lambda t_s: round(t_s * 100) % 4 != 0),
+    ),
+    "all but two speeds": Case(
+        ANSWER.replace("1.2", "1.0"),
+        "20 - 3 * count(it)",
+        {
+            "centre_distance/robot/ann": (100, coming_nearer_every_2_s),
+            "speed/robot": (100, lambda t_s: 0.5 if 0.2 <= t_s % 2 < 0.9 else 0.1),
+            "speed/ann": (100, lambda _t: 0.0),
+        },
+        of_signal("speed/robot", lambda t_s: t_s not in (0.1, 5.9)),
     ),
     "the speed of three stops": Case(
         "use: iec_60204_1.stop_performance",

@@ -529,7 +529,8 @@ class Within(Formula):
         window = signals.trial.window
         ends_s = signals.end_s if window is None else window.end_s
         counted_s = [began_s for began_s, _ in self._answers(signals)]
-        usual_s = signals.usual_s if math.isfinite(signals.usual_s) else self.max_gap_s
+        # Who leaves out samples makes another interval usual, but none longer than the monitor accepts.
+        usual_s = min(signals.usual_s, self.max_gap_s)
         # What was seen to begin twice can begin so soon again.
         pause_s = min([max(self.t_on_s + self.t_off_s, usual_s), *np.diff(counted_s).tolist()])
         # A run that is too brief to count may have gone on where nothing shows it.
