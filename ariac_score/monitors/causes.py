@@ -31,6 +31,10 @@ def causes_of_cells(
     for source, several in sorted(sources.items()):
         # Signals of one message have the same intervals.
         starts, ends = np.unique(np.concatenate(several, axis=1), axis=1)
+        own = [stream for stream in opened if _source(stream.signal) == source]
+        if not len(starts):  # nothing lacks, but it shows less than what it stands for
+            found.append(Cause(f"every interval {places[source]}{_instead(own)}", source))
+            continue
         matters = np.zeros(len(starts), dtype=bool)
         for begins, until in differing:
             row = np.searchsorted(until, starts, side="right")
@@ -39,7 +43,6 @@ def causes_of_cells(
             kept = matters if matters.any() else np.ones(len(starts), dtype=bool)
             spans = [Span(float(a), float(b)) for a, b in zip(starts[kept], ends[kept], strict=True)]
             stored = spans if len(spans) <= MOST_SPANS else merged(spans, within_s=TOLERANCE_S)[:MOST_SPANS]
-            own = [stream for stream in opened if _source(stream.signal) == source]
             remarks_of = (late.get(source, ""), _thinned(own), _outermost(own, spans), _instead(own))
             words = f"{gaps_in_words(spans)} {places[source]}{''.join(remarks_of)}"
             found.append(Cause(words, source, tuple(stored)))

@@ -84,7 +84,7 @@ def open_worlds(watched: Watched, judge: Judge, monitor: Worsening) -> Opened | 
         return None
     signals = {template: trial.signals[name] for template, name in watched.names.items()}
     unseen = Unseen(trial, assumed, window, watched.max_gap_s)
-    opened = [one for one in unseen.all_streams(signals.values()) if one.open.any()]
+    opened = [one for one in unseen.all_streams(signals.values()) if one.open.any() or one.stands_for]
     if not opened and not watched.unknown:
         return None
     if opened and not watched.unknown and monitor.signals.keys() >= signals.keys():

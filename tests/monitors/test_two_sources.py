@@ -248,3 +248,16 @@ def test_a_speed_that_never_shows_anybody_in_motion_stands_for_nothing(way_m: fl
 
     assert (worst_s(slower_than(1.0), instead) > 2.9) is is_open
     assert worst_s(slower_than(1.0), trial(*frames.values())) == 0.0
+
+
+def test_places_that_stand_for_a_speed_leave_the_edges_open_of_what_they_show() -> None:
+    """Three times 0.8 m/s for 0.2 s: a speed over four of their intervals shows less of it."""
+
+    def way_m(t: np.ndarray) -> np.ndarray:
+        return np.asarray(0.1 * t + 0.7 * np.sum([np.clip(t - k, 0.0, 0.2) for k in (0.5, 1.5, 2.5)], axis=0))
+
+    alone = trial(*places(way_m, 50).values())
+    instead = replace(alone, stand_ins={SPEED: Due("/scanner", 100.0)})
+
+    assert worst_s(slower_than(0.5), alone) < 0.6 - 0.01
+    assert worst_s(slower_than(0.5), instead) >= 0.6 - 1e-6
