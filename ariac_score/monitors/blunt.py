@@ -140,7 +140,7 @@ def _least_of(readings: Sequence[list[Finding]]) -> list[Finding]:
 def _most_of(readings: Sequence[list[Finding]]) -> list[Finding]:
     """The violations that last the longest, and no fewer of them than in any other reading."""
     number = max(len(violations_of(one)) for one in readings)
-    longest = max(readings, key=lambda one: (_lasting(one), len(violations_of(one))))
+    longest = max(readings, key=lambda one: (_lasting(one), _pressing(one), len(violations_of(one))))
     own = violations_of(longest)
     further = [touch(one, one.span.start_s) for one in own[:1] if one.span for _ in range(number - len(own))]
     return [*longest, *further]
