@@ -135,6 +135,17 @@ def coming_nearer_every_2_s(t_s: float) -> float:
     return 1.1 - 0.1 * (1 - math.cos(2 * math.pi * phase)) if 0 < phase < 1 else 1.1
 
 
+def three_stops(score: str) -> Case:
+    """None of them is obeyed, and the topic that shows it is left out."""
+    return Case(
+        "use: iec_60204_1.stop_performance",
+        score,
+        {"speed/robot": (100, lambda _t: 0.5), "speed/ann": (100, lambda _t: 0.0)},
+        of_signal("speed/robot"),
+        [(1.0 + k, "protective_stop", "robot") for k in range(3)],
+    )
+
+
 CASES: Mapping[str, Case] = {
     "places between which it was never at rest": Case(
         ANSWER,
@@ -159,20 +170,8 @@ CASES: Mapping[str, Case] = {
         },
         of_signal("speed/robot", lambda t_s: t_s not in (0.1, 5.9)),
     ),
-    "the speed of three stops": Case(
-        "use: iec_60204_1.stop_performance",
-        "10 - seconds(it)",
-        {"speed/robot": (100, lambda _t: 0.5), "speed/ann": (100, lambda _t: 0.0)},
-        of_signal("speed/robot"),
-        [(1.0 + k, "protective_stop", "robot") for k in range(3)],
-    ),
-    "how often, of three stops": Case(
-        "use: iec_60204_1.stop_performance",
-        "10 / (1 + count(it))",
-        {"speed/robot": (100, lambda _t: 0.5), "speed/ann": (100, lambda _t: 0.0)},
-        of_signal("speed/robot"),
-        [(1.0 + k, "protective_stop", "robot") for k in range(3)],
-    ),
+    "the speed of three stops": three_stops("10 - seconds(it)"),
+    "how often, of three stops": three_stops("10 / (1 + count(it))"),
     "what parted gaps of which none can have mattered": Case(
         "use: iso_13850.estop_restart",
         "10 / (1 + count(it))",
