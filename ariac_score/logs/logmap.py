@@ -342,6 +342,7 @@ def _channel(document: YamlDocument, index: int, data: dict[str, Any], bodies: d
         decoder=data.get("decoder", ""),
         witnesses=tuple(data.get("witnesses", [])),
         optional=data.get("optional", False),
+        absent_with=data.get("absent_with", ""),
         rate_hz=float(data.get("rate_hz", 0.0)),
         as_consumed=data.get("as_consumed", False),
         event=NamedEvent(**data["event"]) if "event" in data else None,

@@ -22,7 +22,7 @@ speed beyond its limit for 0.08 s; at worst 0.500 m/s (at most 0.250), at 0.080 
 """
 
 from ariac_score.monitors.between import FilledSignals, worlds_between
-from ariac_score.monitors.cells import shown_within_s
+from ariac_score.monitors.cells import longest_held_s, shown_within_s
 from ariac_score.monitors.encounter import (
     APART,
     EXPOSURE_DISTANCE_M,
@@ -100,6 +100,7 @@ __all__ = [
     "closing_by",
     "exposure",
     "first_of_runs",
+    "longest_held_s",
     "no_severities",
     "nobody",
     "pairs",

@@ -51,6 +51,8 @@ class Judged:
     @property
     def is_told(self) -> bool:
         """Whether its violations are the stretches in which it was broken, not what takes a course."""
+        if any(one.verdict is Verdict.SATISFIED and one.span is not None for one in self.findings):
+            return False  # nobody asks when a limit was kept
         begins_s = [one.start_s for one in self.broken]
         for violation in violations_of(self.findings):
             start_s = violation.span.start_s if violation.span else math.nan
@@ -243,8 +245,8 @@ def _most(
     would have one less.
     """
     seen = [one for limit in judged for one in limit.findings]
-    open_verdicts = {Verdict.INCONCLUSIVE}
-    if not all(limit.is_told for limit in judged):  # it judges courses, of which a gap may hide a part
+    open_verdicts, told = {Verdict.INCONCLUSIVE}, all(limit.is_told for limit in judged)
+    if not told:  # it judges courses, of which a gap may hide a part
         judged, open_verdicts = [Judged((), seen)], {Verdict.INCONCLUSIVE, Verdict.SATISFIED}
     rows = [one for one in seen if one.verdict is Verdict.VIOLATED and one.span is None]
     for limit in judged:
@@ -257,7 +259,9 @@ def _most(
         # A violation may go on where its limit is kept, as a contact does.
         lasting = merged(one.span for one in violations if one.span)
         spans = limit.broken or lasting
-        for whole in merged([*hidden, *spans, *lasting], within_s=_near_s(monitor)):
+        # A course of which a part is hidden may have been bad as a whole.
+        as_a_whole = [] if told else [one.span for one in undecided if one.span]
+        for whole in merged([*hidden, *spans, *lasting, *as_a_whole], within_s=_near_s(monitor)):
             inside = beginning_in(violations, whole)
             parts, shown = meeting(hidden, whole), meeting(spans, whole)
             may_be = merged(
@@ -328,7 +332,8 @@ def _all_of(
     )
     rows = [worst]
     certain = [left for span in shown for left in without(span, meeting(parts, span))]
-    for span in without(whole, certain):
+    bad = [*parts, *shown, *counted]  # the rest of a course is bad only together with these
+    for span in without(Span(min(bad).start_s, max(one.end_s for one in bad)), certain):
         rows += [touch(worst, t_s) for t_s in _after_pauses(span, parts, monitor.t_off_s)]
     # What is judged each by itself, as after a stop, is not one with the others for want of a pause.
     rows += [touch(worst, max(span.start_s, whole.start_s)) for span in each[1:]]

@@ -91,6 +91,7 @@ class TrialBuilder:
         self.witnessed: set[str] = set()
         self.unrecorded: list[str] = []
         self.due: dict[str, Due] = {}
+        self.published_kinds: frozenset[str] = frozenset()
         self.recorded: Span | None = None
         self.facts: dict[str, Fact] = {}
         self.records: list[Record] = []
@@ -218,6 +219,7 @@ class TrialBuilder:
     def build(self) -> Trial:
         """The trial, in order of time; what repeats in its work is settled by `merge_trials`."""
         self._believe_watchers()
+        self.witnessed = {*_without_published(self.witnessed, self.published_kinds)}
         if self.unseen_losses:
             self.witnessed.clear()
             self.defect("unseen_losses", str(self.trial_id), 1, self.unseen_losses)
@@ -246,6 +248,7 @@ class TrialBuilder:
             cut=self.cut,
             as_consumed={k: self.as_consumed[k] for k in sorted(self.as_consumed)},
             stand_ins=_not_in({**self.signals, **self.as_consumed}, self.due),
+            published_kinds=self.published_kinds,
         )
 
     def doubt(self, watched: Iterable[str], where: str) -> None:
@@ -311,6 +314,11 @@ def _present(bodies: Iterable[Body], recorded: Iterable[str], witnessed: Set[str
     return tuple(one for one in bodies if one.id in shown or f"{one.kind} bodies" not in witnessed)
 
 
+def _without_published(witnessed: Iterable[str], kinds: Set[str]) -> frozenset[str]:
+    """What was witnessed, but for that there are no bodies of kinds that are published all the same."""
+    return frozenset(witnessed) - {f"{kind} bodies" for kind in kinds}
+
+
 def _joined(known: Body | None, body: Body, file: object) -> Body:
     """A body with its new and its known links."""
     if known is not None and known.kind != body.kind:
@@ -358,6 +366,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
     parts = counting_parts(parts, file)
     parts = _on_one_clock(parts)  # first, for everything below compares times
     spans = [p.recorded for p in parts if p.recorded]
+    published = frozenset(kind for p in parts for kind in p.published_kinds)
     _columns([columns for p in parts for columns in (p.signals, p.as_consumed)], file)  # no name is both
     merged = Trial(
         id=trial_id,
@@ -367,7 +376,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
         as_consumed=_columns([part.as_consumed for part in parts], file),
         team=_team([p.team for p in parts if p.team], file),
         official=only("an official result", [p.official for p in parts if p.official], file),
-        witnessed=frozenset(w for p in parts for w in p.witnessed),
+        witnessed=_without_published((w for p in parts for w in p.witnessed), published),
         unrecorded=tuple(sorted({u for p in parts for u in p.unrecorded})),
         log_defects=tuple(sorted(d for p in parts for d in p.log_defects)),
         clocks=_clocks(parts),
@@ -379,6 +388,7 @@ def merge_trials(trial_id: str, parts: Sequence[Trial], *, file: object, competi
             {name: due for p in parts for name, due in p.stand_ins.items()},
         ),
         read_with=frozenset(point for p in parts for point in p.read_with),
+        published_kinds=published,
         statements=statements_of(parts),
         cut=joined_cut(parts),
         attestations=tuple(

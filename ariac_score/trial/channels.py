@@ -13,7 +13,7 @@ from typing import Any
 
 from ariac_score.errors import LogMapError
 from ariac_score.trial.model import Body
-from ariac_score.trial.vocabulary import Quantity, quantity_of
+from ariac_score.trial.vocabulary import Quantity, quantity_of, subject_of
 from ariac_score.trial.work import Fact
 
 __all__ = [
@@ -95,6 +95,7 @@ class Channel:
         decoder: Name of the plugin that turns its messages into work, submissions, events.
         witnesses: What this topic would have shown; see `Trial.witnessed`.
         optional: Whether a recording without it is complete all the same.
+        absent_with: Where a log says that there is none of these, such as `human bodies`, nobody sends it.
         rate_hz: How often it is published, as its organiser states; 0: nobody says.
         as_consumed: Whether its signals are series, every value in the order of the recording; see `Series`.
         event: What every message is, where no decoder says it.
@@ -110,11 +111,19 @@ class Channel:
     decoder: str = ""
     witnesses: tuple[str, ...] = ()
     optional: bool = False
+    absent_with: str = ""
     rate_hz: float = 0.0
     as_consumed: bool = False
     event: NamedEvent | None = None
     numbers: tuple[NumberField, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def bodies(self) -> frozenset[str]:
+        """The bodies that its signals are about, by id."""
+        return frozenset(
+            segment.partition("::")[0] for f in self.signals for segment in subject_of(f.signal).split("/")
+        )
 
     @property
     def whole(self) -> bool:
@@ -214,6 +223,13 @@ class LogMap:
     facts: Mapping[str, Fact] = field(default_factory=dict)
     rests_on: Mapping[str, Sequence[str]] = field(default_factory=dict)
     bounds: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def published_kinds(self) -> frozenset[str]:
+        """Kinds of bodies that are published whatever a configuration says of those of a simulator."""
+        named = {body for one in self.channels if not one.absent_with for body in one.bodies}
+        matched = {one.kind for one in (*self.models, *self.frames)}
+        return frozenset(matched | {body.kind for body in self.bodies if body.id in named})
 
     def filled(self, facts: Mapping[str, Fact]) -> LogMap:
         """The map with `{name}` in names of frames, models, topics and fields filled from facts of a trial.

@@ -270,6 +270,8 @@ class Trial:
             `time_limit_s`; `None`: known to be absent; what is not stated has no entry.
         records: What the readers of a competition keep for its own checks; the core never looks inside.
         read_with: The entry points, as group and name, that its readers asked for help; a result names them.
+        published_kinds: Kinds of bodies that a log map names: a configuration that knows of none of these
+            speaks of those of its simulator alone.
         between: What is assumed of the time between samples; `None`: nothing, and gaps are not bounded.
         origin: Of a part of a trial, the file it was read from and who gave it; `None` for a trial made of
             several, or by hand.
@@ -305,6 +307,7 @@ class Trial:
     records: tuple[Record, ...] = ()
     as_consumed: Mapping[str, Series] = field(default_factory=lambda: FrozenMap({}))
     read_with: frozenset[tuple[str, str]] = field(default=frozenset(), compare=False)
+    published_kinds: frozenset[str] = field(default=frozenset(), compare=False)
     between: BetweenSamples | None = field(default=None, compare=False)
     origin: FileOrigin | None = field(default=None, compare=False)
     statements: tuple[Statement, ...] = field(default=(), compare=False)

@@ -14,8 +14,10 @@ __all__ = [
     "ACTIVATED",
     "COMMANDS",
     "CONTACTS",
+    "CONTACTS_HZ",
     "CONTROLLER",
     "EVENT",
+    "FORCES_HZ",
     "LOG",
     "SCORING_STATIC",
     "SCORING_TF",
@@ -38,6 +40,8 @@ SCORING_TF, SCORING_STATIC = "/scoring/tf", "/scoring/tf_static"
 CONTROLLER = "/aic_controller/controller_state"
 WRENCHES = ("/fts_broadcaster/wrench", "/axia80_m20/wrench")
 CONTACTS = "/aic/gazebo/contacts/off_limit"
+FORCES_HZ, CONTACTS_HZ = 50.0, 5.0
+"""How often the simulator publishes forces and contacts. Source: PR 346 of intrinsic-dev/aic; its worlds."""
 EVENT = "/scoring/insertion_event"
 ACTIVATED = "/scoring/cable_activated"
 LOG = "/rosout"

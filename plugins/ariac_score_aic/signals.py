@@ -13,7 +13,7 @@ import numpy as np
 from ariac_score import Body, FloatArray, Quantity, Signal, Trial
 from ariac_score_aic.chains import Poses, first_of_each
 from ariac_score_aic.consumption import Consumed
-from ariac_score_aic.messages import CONTACTS, CONTROLLER, IntArray
+from ariac_score_aic.messages import CONTACTS, CONTACTS_HZ, CONTROLLER, FORCES_HZ, IntArray
 
 __all__ = ["OFF_LIMIT_CONTACT", "WRIST_FORCE", "with_signals"]
 
@@ -40,14 +40,14 @@ def with_signals(trial: Trial, consumed: Consumed) -> Trial:
 def _signals(consumed: Consumed) -> Iterator[Signal]:
     stamps, force = consumed.forces
     yield from _signal(
-        consumed, f"wrist_force/{TOOL}", "N", stamps, _lengths(force), consumed.how.wrench_topic
+        consumed, f"wrist_force/{TOOL}", "N", stamps, _lengths(force), consumed.how.wrench_topic, FORCES_HZ
     )
     states = consumed.messages.controller
     speeds = _lengths(states.velocity_m_s)
     yield from _signal(consumed, f"tcp_speed/{TOOL}", "m/s", states.stamp_ns, speeds, CONTROLLER)
     at_ns = consumed.messages.contact_ns
     touched = np.isin(at_ns, consumed.messages.contacts.log_ns).astype(np.float64)
-    yield from _signal(consumed, f"off_limit_contact/{TOOL}", "1", at_ns, touched, CONTACTS)
+    yield from _signal(consumed, f"off_limit_contact/{TOOL}", "1", at_ns, touched, CONTACTS, CONTACTS_HZ)
     yield from _place(consumed, TOOL, consumed.places_of(consumed.how.gripper_frame))
     if consumed.connections:
         frames = consumed.frames_of(consumed.connections[0])
@@ -65,7 +65,13 @@ def _lengths(vectors: FloatArray) -> FloatArray:
 
 
 def _signal(
-    consumed: Consumed, name: str, unit: str, stamp_ns: IntArray, values: FloatArray, source: str
+    consumed: Consumed,
+    name: str,
+    unit: str,
+    stamp_ns: IntArray,
+    values: FloatArray,
+    source: str,
+    rate_hz: float = 0.0,
 ) -> Iterator[Signal]:
     """The signal of that name; none without a sample that is finite and stamped within the recording."""
     stamps, first = first_of_each(stamp_ns)
@@ -77,4 +83,4 @@ def _signal(
     finite &= (stamps >= recorded[0]) & (stamps <= recorded[1])
     if finite.any():
         t_s = (stamps[finite] - recorded[0]) / 1e9 + consumed.later_s
-        yield Signal(name, unit, t_s, kept[finite], source)
+        yield Signal(name, unit, t_s, kept[finite], source, stated_rate_hz=rate_hz)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -145,6 +145,13 @@ class TransformBuffer:
             stamp_ns = common_ns
         found = self._composed(target, source, stamp_ns)
         return None if found is None else Placement(stamp_ns, *found)
+
+    def moving(self, frame: str) -> Iterator[DynamicFrame]:
+        """What moves of a frame and of all those above it, as they are linked at the latest time."""
+        names = [frame, *(parent for _, parent in self._climb(frame))]
+        for known in map(self.frames.get, names):
+            if isinstance(known, DynamicFrame):
+                yield known
 
     def _known(self, name: str) -> bool:
         return name in self.frames or any(name in parents for parents in map(_parents, self.frames.values()))

@@ -404,7 +404,9 @@ class CollisionEpisodes:
     def _pairs(self, trial: Trial) -> Iterator[tuple[Body, Body]]:
         surroundings = Body(ENVIRONMENT, ENVIRONMENT)
         machines = [*trial.bodies_of("robot"), *trial.bodies_of("agv")]
-        for first, second in [*trial.body_pairs(), *((machine, surroundings) for machine in machines)]:
+        # A log map that names the environment has it among its bodies, too.
+        others = [pair for pair in trial.body_pairs() if not (_around(pair) and {*pair} & {*machines})]
+        for first, second in [*others, *((machine, surroundings) for machine in machines)]:
             kinds = f"{first.kind}_{second.kind}"
             recorded = second.kind != ENVIRONMENT or self._recorded(trial, first, second)
             wanted = kinds == self.between or (self.between == "any" and recorded)
@@ -531,6 +533,10 @@ class CollisionEpisodes:
             critical=self.critical,
             units={"occurrences": "count"},
         )
+
+
+def _around(pair: tuple[Body, Body]) -> bool:
+    return any(body.id == ENVIRONMENT for body in pair)
 
 
 def _merged(spans: list[Span], t_off_s: float) -> list[Span]:

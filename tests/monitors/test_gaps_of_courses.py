@@ -339,6 +339,23 @@ def test_a_pressure_that_lacks_may_have_made_a_bad_contact_worse() -> None:
     assert robbed.least_s <= 0.2 <= robbed.longest_s
 
 
+def test_a_contact_in_which_the_worst_is_left_out_may_have_been_bad_as_a_whole() -> None:
+    """20 N for 3 s, with 400 N for 0.3 s in between: a violation as long as the contact."""
+    given = recorded(
+        {"contact_force/arm/ann": ("N", during((1.0, 4.0), yes=20.0) + during((2.0, 2.3), yes=380.0))}
+    )
+    monitor = PflContact(region="chest")
+
+    (whole,) = (one for one in monitor.watch(given) if one.verdict is Verdict.VIOLATED)
+    assert whole.span == Span(1.0, 4.0)
+    robbed = without(given, from_to(2.0, 2.3))
+    (opened,) = (one for one in monitor.watch_worlds(robbed) if isinstance(one, Worlds))
+    (worst,) = (one for one in opened.worst if one.verdict is Verdict.VIOLATED)
+    assert worst.span == whole.span
+    assert worst.quantities["time_in_violation_s"] >= whole.quantities["time_in_violation_s"]
+    assert [one.verdict for one in opened.best if one.span] == [Verdict.SATISFIED]
+
+
 # Several limits --------------------------------------------------------------------------------
 
 

@@ -1834,6 +1834,13 @@ def test_a_collision_with_fixed_things_has_its_force_and_speed() -> None:
     assert finding.quantities["relative_speed_m_s"] == pytest.approx(5.0)
 
 
+def test_a_collision_with_an_environment_that_a_log_map_declares_is_one() -> None:
+    bodies = [Body("r", "robot", 0.0), Body("environment", "fixture", 0.0)]
+    trial = trial_of({"in_contact/r/environment": ("1", 1.0)}, bodies=bodies)
+
+    assert only(CollisionEpisodes(), trial).subject == "r/environment"
+
+
 def test_robots_that_move_alike_meet_at_the_difference_of_their_speeds() -> None:
     columns = {
         "in_contact/r/s": ("1", 1.0),

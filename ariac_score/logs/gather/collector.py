@@ -366,15 +366,16 @@ class Collector:
             intake.by_arrival = self._clocks.by_arrival(clock_key(intake.channel))
             intake.settle(builder, origin_ns, self._wanted, numbered=numbered)
             if intake.received:
-                received |= intake.bodies()
+                received |= intake.channel.bodies
         # Several channels may offer one topic with different types; only one of them can be recorded.
         taken = {i.channel.topic for i in self._intakes if i.recorded}
         due: set[str] = set()
         for intake in self._intakes:
             if intake.recorded or intake.channel.topic not in taken:
                 builder.unrecorded.extend(intake.unrecorded(self._others))
-                due |= set() if intake.channel.optional else intake.bodies()
+                due |= set() if intake.channel.optional else intake.channel.bodies
                 builder.due.update(intake.due())
+        builder.published_kinds = self._wanted.log_map.published_kinds
         for body in self._wanted.log_map.bodies:
             if body.id in received:
                 builder.add_body(body)

@@ -30,7 +30,7 @@ from ariac_score.trial.channels import Channel, FieldMap, LogMap
 from ariac_score.trial.events import WATCHING, Event
 from ariac_score.trial.model import Due
 from ariac_score.trial.spans import FloatArray
-from ariac_score.trial.vocabulary import quantity_of, subject_of
+from ariac_score.trial.vocabulary import quantity_of
 
 __all__ = ["Intake", "MessageRoute", "Ticks"]
 
@@ -322,14 +322,6 @@ class Intake:
                     stamp_jitter_s=arrival_jitter_s(np.sort(t)) if self.by_arrival else 0.0,
                     stated_rate_hz=self.channel.rate_hz,
                 )
-
-    def bodies(self) -> frozenset[str]:
-        """The bodies that the signals of this channel are about."""
-        return frozenset(
-            segment.partition("::")[0]
-            for f in self.channel.signals
-            for segment in subject_of(f.signal).split("/")
-        )
 
     def _settle_items(self, builder: TrialBuilder, origin_ns: int, wanted: Wanted) -> int:
         """Decode the messages kept for the decoder plugin; returns how many were lost."""

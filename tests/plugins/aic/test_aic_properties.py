@@ -192,3 +192,22 @@ def test_time_above_a_threshold_is_that_of_a_plain_loop_and_within_its_bounds(se
     assert peak_n == max(force[1:])
     assert least_s <= coded + 1e-9
     assert coded <= most_s + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whoever_leaves_out_forces_bounds_the_time_above_the_threshold_no_closer(seed: int) -> None:
+    rng = random.Random(seed)  # noqa: S311  # made recordings
+    stamps = np.arange(100, dtype=np.int64) * 20_000_000 + 10**9 + rng.randrange(20_000_000)
+    force = np.array([rng.choice([10.0, 30.0]) for _ in stamps])
+    kept = np.array([rng.random() > rng.choice([0.02, 0.5, 0.9]) for _ in stamps])
+    if rng.random() < 0.3:
+        kept &= force < 20.0
+    span = int(stamps[0]) - 5_000_000, int(stamps[-1]) + 5_000_000
+
+    least_s, most_s, unseen_s = ForceBounds().time_above_s(stamps, force, span)
+    fewest_s, longest_s, more_unseen_s = ForceBounds().time_above_s(stamps[kept], force[kept], span)
+
+    assert unseen_s == 0.0
+    assert (more_unseen_s > 0.0) == (not kept.all())
+    assert fewest_s <= least_s + 1e-9
+    assert most_s <= longest_s + 1e-9

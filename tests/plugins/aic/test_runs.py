@@ -49,7 +49,7 @@ def turned(turn_xyzw: Sequence[float], transform: Mapping[str, Any]) -> dict[str
 def scene(
     plug_m: tuple[float, float, float], *, turn: Sequence[float] = (0, 0, 0, 1), last_s: float = 20.1
 ) -> list[dict[str, Any]]:
-    """A board, and a plug that stands somewhere from 9 s on, 10 times a second, with all that is stamped."""
+    """A board, and a plug that stands somewhere from 9 s on, 10 times a second, and forces 50 times."""
     board = [
         still("aic_world", "task_board", (0.0, 0.0, 0.0), 9 * SECOND_NS),
         still("task_board", PORT, (0.0, 0.0, 0.0), 9 * SECOND_NS),
@@ -69,8 +69,15 @@ def scene(
                 "tcp_velocity_linear": [0.0, 0.0, 0.0],
                 "fts_tare_offset_force": [0.0, 0.0, 0.0],
             },
-            {"topic": "/fts_broadcaster/wrench", "stamp_ns": ns, "force": [0.0, 0.0, 1.0]},
             {"topic": "/aic/gazebo/contacts/off_limit", "contacts": []},
+        ]
+        found += [
+            {
+                "topic": "/fts_broadcaster/wrench",
+                "stamp_ns": ns + part * SECOND_NS // 50,
+                "force": [0.0, 0.0, 1.0],
+            }
+            for part in range(5)
         ]
     return found
 
@@ -283,17 +290,43 @@ def pushed(seconds: Sequence[float], *, force_n: float = 21.0) -> list[dict[str,
     return sorted(found, key=lambda m: (time_of(m) or 10**12, m["topic"]))
 
 
+TOUCHED = [("enclosure::link::collision", "ur5e::wrist_3_link::collision")]
+
+
+def test_nobody_leaves_out_the_one_message_that_names_a_contact(tmp_path: Path) -> None:
+    messages = scene((0.0, 0.0, 0.3))
+    told = [k for k, message in enumerate(messages) if "contacts" in message][50]
+    touching = [{**m, "contacts": TOUCHED} if k == told else m for k, m in enumerate(messages)]
+    robbed = [m for k, m in enumerate(messages) if k != told]
+
+    assert strictly(tmp_path / "honest", touching, "contacts").verdict.value == "violated"
+    assert strictly(tmp_path / "robbed", robbed, "contacts").verdict.value == "inconclusive"
+
+
+@pytest.mark.parametrize(("topic", "check"), [("/tf", "path"), ("/aic_controller/controller_state", "jerk")])
+def test_a_pose_or_a_velocity_that_is_missing_is_open(tmp_path: Path, topic: str, check: str) -> None:
+    moving = [
+        {**m, "tcp_velocity_linear": [0.02 + 0.1 * (k % 3), 0.0, 0.0]} if "tcp_velocity_linear" in m else m
+        for k, m in enumerate(scene((0.0, 0.0, 0.3)))
+    ]
+    told = [k for k, message in enumerate(moving) if message["topic"] == topic][50]
+    robbed = [m for k, m in enumerate(moving) if k != told]
+
+    assert strictly(tmp_path / "honest", moving, check).verdict.value == "satisfied"
+    assert strictly(tmp_path / "robbed", robbed, check).verdict.value == "inconclusive"
+
+
 @pytest.mark.parametrize(
     ("samples", "verdict"),
     [
-        (9, "satisfied"),  # 0.8 s between them, 1.0 s with the steps to both sides
-        (10, "inconclusive"),  # 0.9 s at least, 1.1 s at most
-        (11, "inconclusive"),  # exactly 1.0 s at least is not longer than 1 s
-        (12, "violated"),
+        (49, "satisfied"),  # 0.96 s between them, 1.00 s with the steps to both sides
+        (50, "inconclusive"),  # 0.98 s at least, 1.02 s at most
+        (51, "inconclusive"),  # exactly 1.00 s at least is not longer than 1 s
+        (52, "violated"),
     ],
 )
 def test_force_counts_between_samples_with_bounds(tmp_path: Path, samples: int, verdict: str) -> None:
-    messages = [m for m in pushed([12.0 + 0.1 * i for i in range(samples)]) if "contacts" not in m]
+    messages = [m for m in pushed([12.0 + 0.02 * i for i in range(samples)]) if "contacts" not in m]
 
     assert strictly(tmp_path, messages, "insertion_force").verdict.value == verdict
 

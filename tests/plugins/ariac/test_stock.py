@@ -857,6 +857,33 @@ def test_the_safe_rules_of_2023_join_the_verdict_with_the_person(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("robbed", [False, True], ids=["recorded", "left out"])
+def test_a_configuration_without_the_challenge_says_nothing_of_a_person_whom_the_log_map_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, robbed: bool
+) -> None:
+    (tmp_path / "ours.yaml").write_text(
+        "id: ours\ntitle: Ours\nsource: a laboratory\nextends: ariac2023\n"
+        "bodies: {ann: {kind: human}, floor_robot: {kind: robot}}\n"
+        "channels:\n"
+        "  - topic: /laboratory/separation\n    type: std_msgs/msg/Float64\n"
+        "    signals: {centre_distance_2d/floor_robot/ann: data}\n",
+        encoding="utf-8",
+    )
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        "id: with_ann\ntitle: With Ann\nsource: a test\nextends: ariac2023.safe\nlog_map: ./ours.yaml\n",
+        encoding="utf-8",
+    )
+    apart = [at(k / 50, "/laboratory/separation", "std_msgs/msg/Float64", data=0.01) for k in range(4500)]
+    messages = recorded_2023(nearest_m=None, challenges=[]) + ([] if robbed else apart)
+    result = score_trial(stock_bag(tmp_path / "b", "2023", messages, monkeypatch), rules=rules)
+
+    contact = {f.verdict for f in result.measured.findings.values() if f.check == "human_contact"}
+    assert contact == {Verdict.INCONCLUSIVE} | (set() if robbed else {Verdict.VIOLATED})
+    assert result.score == 0
+
+
+@pytest.mark.slow
 def test_a_simulation_at_half_speed_recorded_by_the_wall_clock_is_the_same_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
