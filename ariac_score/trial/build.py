@@ -260,11 +260,22 @@ class TrialBuilder:
         """
         self._doubted.update(dict.fromkeys(watched, where))
 
-    def _believe_watchers(self) -> None:
-        """Take the word of those who watched from the start on; none vouches for the time before."""
+    def _told_in_time_s(self) -> tuple[float, float | None]:
+        """Until when something is told from the beginning: of the recording, and of the competition, s."""
         starts = [event.t_s for event in self.events if event.kind == COMPETITION_STARTED]
         begin_s = self.recorded.start_s + LATEST_WATCHER_S if self.recorded else np.inf
-        start_s = min(starts) + LATEST_START_S if starts else begin_s
+        return begin_s, min(starts) + LATEST_START_S if starts else None
+
+    def holds_from_s(self, told_s: float) -> float:
+        """From when on what is told once, and never changes, holds, s: from the beginning, or since then."""
+        begin_s, start_s = self._told_in_time_s()
+        in_time_s = begin_s if start_s is None else max(begin_s, start_s)
+        return told_s if told_s > in_time_s else -np.inf
+
+    def _believe_watchers(self) -> None:
+        """Take the word of those who watched from the start on; none vouches for the time before."""
+        begin_s, start_s = self._told_in_time_s()
+        start_s = begin_s if start_s is None else start_s
         for kind, t_s in sorted(self._watching.items()):
             if t_s <= start_s:
                 self.witnessed.add(kind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace as Fields
 
@@ -16,6 +17,7 @@ from ariac_score.logs.gather.transforms import MAX_GAP_S, TransformTree, _Edge, 
 from ariac_score.trial.build import TrialBuilder
 from ariac_score.trial.channels import BodyMatch
 from ariac_score.trial.clock import Clock
+from ariac_score.trial.events import COMPETITION_STARTED, Event
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import Span
 
@@ -106,7 +108,9 @@ def test_every_transform_of_a_tree_comes_to_another_clock() -> None:
     ("told", "expected_m", "restated"),
     [
         ([(0.0, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),
-        ([(2.5, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),  # told late: it was there before
+        ([(1.0, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),  # a recorder takes a second to find who tells it
+        ([(1.1, 1.0)], [1.0, 1.0, 1.0], 0),  # it may have been told otherwise before
+        ([(2.5, 1.0), (3.5, 2.0)], [1.0, 2.0], 1),
         ([(0.0, 1.0), (2.0, 1.0), (3.0, 1.0)], [1.0, 1.0, 1.0, 1.0, 1.0], 0),
         ([(0.0, 1.0), (1.5, 1.1)], [1.0, 1.0, 1.1, 1.1, 1.1], 1),
         ([(0.0, 1.0), (2.0, 1.1), (3.5, 1.0)], [1.0, 1.0, 1.1, 1.1, 1.0], 2),
@@ -140,6 +144,32 @@ def test_a_static_transform_holds_until_another_one_replaces_it_and_not_before(
     signal = builder.signals["position/gantry"]
     assert signal.values[:, 0].tolist() == expected_m
     assert sum(one.count for one in builder._defects.values() if one.kind == "restated_transform") == restated
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, 50.0])
+def test_a_frame_that_is_told_never_to_move_lacks_what_is_published_at_a_rate(rate_hz: float) -> None:
+    tree = tree_of(*((float(k), transform("world", "other", (0, 0, 0))) for k in range(5)))
+    for t_s in (0.5, 3.0):
+        tree.add(transform("world", "torso", (8, 0, 0)), round(t_s * 1e9), static=True)
+
+    builder = settled(tree, replace(GANTRY, rate_hz=rate_hz))
+
+    signal = builder.signals["position/gantry"]
+    assert signal.constant is (rate_hz == 0.0)
+    assert (signal.t.tolist() == [0.5, 3.0]) is (rate_hz == 50.0)
+    assert bool(builder.unrecorded) is (rate_hz == 50.0)
+
+
+def test_what_is_told_late_before_the_competition_was_there_before() -> None:
+    tree = tree_of(*((float(k), transform("cart", "torso", (0, 0, 0))) for k in range(5)))
+    tree.add(transform("world", "cart", (1, 0, 0)), 2_500_000_000, static=True)
+    builder = TrialBuilder("t", file="t.bag", clock=Clock("log time"))
+    builder.recorded = Span(0.0, 9.0)
+    builder.events.append(Event(3.0, COMPETITION_STARTED))
+
+    tree.settle(builder, 0, (GANTRY,))
+
+    assert builder.signals["position/gantry"].t.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 def test_why_a_frame_that_was_recorded_is_nowhere_is_said() -> None:

@@ -97,7 +97,7 @@ class _Edge:
 
     Attributes:
         static: Where it is told as one that never moves: its values, each with the time of recording from
-            which it holds, ns, as in tf2; the first one held before as well.
+            which it holds, ns, as in tf2; the first one from the beginning, if it was told in time.
     """
 
     def __init__(self) -> None:
@@ -132,7 +132,7 @@ class _Edge:
     def retime(self, retimed: Retimed, of_log: Retimed) -> None:
         """Put its stamps, and the times of recording of static values, on another clock."""
         self._stamps_ns[: self._used] = retimed(self.stamps_ns)
-        if len(self.static) > 1:
+        if self.static:
             times_ns = of_log(np.array([at_ns for at_ns, _ in self.static], dtype=np.int64)).tolist()
             self.static = [(at_ns, row) for at_ns, (_, row) in zip(times_ns, self.static, strict=True)]
 
@@ -481,10 +481,17 @@ class TransformTree:
                 f"frame {frame}: it is not connected to {self._root!r}, its tree ends at {chain[-1]!r}"
             )
             return
-        t, positions = self._positions(builder, origin_ns, self._edges_of(chain[:-1]))
-        edges = {one: next(iter(self._edges[one].values())) for one in chain[:-1]}
+        edges = self._edges_of(chain[:-1])
         moves = any(edge.moves for edge in edges.values())
-        constant = not moves and all(len(edge.values) == 1 for edge in edges.values())
+        lacks = bool(rate_hz) and not moves
+        if lacks:
+            builder.unrecorded.append(
+                f"frame {frame}: it is told never to move, and the log map says that its places are "
+                f"published {rate_hz:g} times a second"
+            )
+        t, positions = self._positions(builder, origin_ns, edges, when_told=lacks)
+        once = all(len(edge.values) == 1 for edge in edges.values())
+        constant = not (moves or lacks) and once and self._since_s(builder, origin_ns, edges) == -np.inf
         if not len(t):
             empty = [one for one in chain[:-1] if one in self._settled and not len(self._settled[one].t)]
             why = f"the transforms up to {self._root!r} never overlap in time"
@@ -550,9 +557,12 @@ class TransformTree:
         return {frame: next(iter(self._edges[frame].values())) for frame in chain}
 
     def _positions(
-        self, builder: TrialBuilder, origin_ns: int, chain: Mapping[str, _Edge]
+        self, builder: TrialBuilder, origin_ns: int, chain: Mapping[str, _Edge], *, when_told: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """The positions of the first frame of a chain, at the times that all its transforms cover."""
+        """The positions of the first frame of a chain, at the times that all its transforms cover.
+
+        Of one that never moves those are all times, or those alone at which it was told.
+        """
         moving = {
             frame: self._moving(builder, origin_ns, frame, edge)
             for frame, edge in chain.items()
@@ -561,11 +571,15 @@ class TransformTree:
         t = (
             seen_by_all([edge.t for edge in moving.values()])
             if moving
+            else _told_s(origin_ns, chain)
+            if when_told
             else self._all_times(builder, origin_ns)
         )
         # No extrapolation, and none across a silence: every transform must be known at every time.
         for settled in moving.values():
             t = t[settled.covers(t)]
+        # What never moves was there before it was told; what was told late may have been another one before.
+        t = t[t >= self._since_s(builder, origin_ns, chain)]
         courses = [
             moving[frame].at(t) if frame in moving else edge.standing(t, origin_ns)
             for frame, edge in chain.items()
@@ -579,6 +593,12 @@ class TransformTree:
                 for axis, values in enumerate(_composed(courses[0].origin(some), chain_there)):
                     position[some, axis] = values
         return t, position
+
+    def _since_s(self, builder: TrialBuilder, origin_ns: int, chain: Mapping[str, _Edge]) -> float:
+        """From when on all static transforms of a chain hold, s."""
+        still = [edge.static for edge in chain.values() if edge.static and not edge.moves]
+        firsts_ns = [min(at_ns for at_ns, _ in static) for static in still]
+        return max([-np.inf, *map(builder.holds_from_s, times_s(firsts_ns, origin_ns).tolist())])
 
     def _all_times(self, builder: TrialBuilder, origin_ns: int) -> FloatArray:
         """The times for a frame that never moves: it was there all the time, whatever else was recorded."""
@@ -619,6 +639,11 @@ class TransformTree:
             )
             self._settled[frame] = _Settled(settled.t, settled.values.T)
         return self._settled[frame]
+
+
+def _told_s(origin_ns: int, chain: Mapping[str, _Edge]) -> FloatArray:
+    """When static transforms of a chain were told, s, in time order."""
+    return distinct(times_s([at_ns for edge in chain.values() for at_ns, _ in edge.static], origin_ns))
 
 
 def _turned_alike(row: _Row) -> _Row:
