@@ -22,6 +22,7 @@ from ariac_score import (
 from ariac_score_aic import charts
 from ariac_score_aic.checks import NO_RECORDING
 from ariac_score_aic.consumption import Consumed, Plug, consumed_of
+from ariac_score_aic.messages import EVENT
 from ariac_score_aic.run_config import Connection
 
 __all__ = ["Insertion", "StartDistance", "port_named"]
@@ -156,6 +157,8 @@ class Insertion:
         event: Which insertion events count: those that name the port, any, or those that name an end of a
             cable as well.
         place_always: Whether the place of the plug counts besides an event.
+        unseen: What no topic of insertion events means: that there was none (none), or that it is undecided
+            (open).
     Source:
         `ScoringTier2.cc`, lines 700 to 830. Axes are those of the world, and orientation does not matter.
     """
@@ -195,6 +198,9 @@ class Insertion:
     )
     event: Literal["port", "any", "ends"] = parameter("port", source="what an event says; PR 245, PR 552")
     place_always: bool = parameter(False, source="until PR 307 the place counted besides what an event says")
+    unseen: Literal["none", "open"] = parameter(
+        "none", source="the scorer looks at places where it heard no event"
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -217,7 +223,14 @@ class Insertion:
         elif times.completed is None:
             yield Finding.inconclusive(item.id, "no file says whether and when the task was completed")
         else:
-            yield self._completed(consumed, connection, item)
+            found = self._completed(consumed, connection, item)
+            if self._misses_events(consumed) and found.verdict is not Verdict.INCONCLUSIVE:
+                found = Finding.inconclusive(item.id, f"{EVENT} was not recorded; {found.message}")
+            yield found
+
+    def _misses_events(self, consumed: Consumed) -> bool:
+        """Whether an event may have said more than the place does."""
+        return self.unseen == "open" and EVENT not in consumed.messages.topics
 
     def judge_worlds(self, trial: Trial, item: WorkItem) -> Iterator[Finding | Worlds]:
         """The same, and of an undecided one the best and the worst that can have been when the task ended."""
@@ -232,7 +245,10 @@ class Insertion:
                 yield Worlds(item.id, (found[-1],), (found[0],), (Cause(finding.message),))
 
     def _possible(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Iterator[Finding]:
-        """What could be found if it were known when the task began and ended."""
+        """What could be found if it were known when the task began and ended, and what events said."""
+        if self._misses_events(consumed):
+            yield _found(item, "an insertion that was not recorded", right_port=1.0)
+            yield _found(item, "an insertion into a wrong port that was not recorded", wrong_port=1.0)
         if not consumed.times.completed:
             yield self._without_end(consumed, connection, item)
         said = self._event(consumed, connection, item)

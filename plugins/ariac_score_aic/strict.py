@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import acos, inf, sqrt
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from ariac_score_aic.chains import Poses, lengths_m
 from ariac_score_aic.checks import NO_RECORDING, Contacts, ForceTime, PathLength, PolynomialJerk
 from ariac_score_aic.consumption import Consumed, Plug, consumed_of
 from ariac_score_aic.insertion import Insertion
-from ariac_score_aic.messages import CONTACTS, CONTACTS_HZ, CONTROLLER, EVENT, FORCES_HZ, IntArray
+from ariac_score_aic.messages import CONTACTS, CONTACTS_HZ, CONTROLLER, FORCES_HZ, IntArray
 from ariac_score_aic.run_config import Connection
 
 __all__ = ["ForceBounds", "InsertionInPort", "SeenJerk", "TaskPath", "WatchedContacts"]
@@ -370,22 +370,13 @@ class InsertionInPort(Insertion):
         source="our choice: twice what a port of 46 mm leaves 5 mm aside",
     )
 
+    unseen: Literal["none", "open"] = parameter("open", source="our choice")
+
     def _completed(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Finding:
         found = super()._completed(consumed, connection, item)
-        if found.verdict is Verdict.INCONCLUSIVE or found.quantities["right_port"]:
-            return found
-        if EVENT not in consumed.messages.topics:
-            return Finding.inconclusive(item.id, f"{EVENT} was not recorded; {found.message}")
-        if not (
-            found.quantities["placed"] or found.quantities["wrong_port"] or consumed.times.end_ns is None
-        ):
-            return Finding.inconclusive(item.id, found.message)
-        return found
-
-    def _possible(self, consumed: Consumed, connection: Connection, item: WorkItem) -> Iterator[Finding]:
-        yield from super()._possible(consumed, connection, item)
-        if EVENT not in consumed.messages.topics:
-            yield _inserted(item)
+        seen = found.verdict is Verdict.INCONCLUSIVE or consumed.times.end_ns is None
+        seen = seen or any(found.quantities[name] for name in ("right_port", "placed", "wrong_port"))
+        return found if seen else Finding.inconclusive(item.id, found.message)
 
     def plug_at(self, consumed: Consumed, connection: Connection, stamp_ns: int) -> Plug:
         """Where the plug is as seen from its port: aside of the axis to the entrance, and along it."""
@@ -405,8 +396,3 @@ class InsertionInPort(Insertion):
     def is_straight(self, plug: Plug) -> bool:
         """Whether plug and port have about the same orientation."""
         return plug.turn_rad <= self.max_turn_rad
-
-
-def _inserted(item: WorkItem) -> Finding:
-    known = dict.fromkeys(Insertion.measures, 0.0) | {"right_port": 1.0}
-    return Finding(item.id, Verdict.SATISFIED, "an insertion that was not recorded", quantities=known)

@@ -303,6 +303,19 @@ def test_nobody_leaves_out_the_one_message_that_names_a_contact(tmp_path: Path) 
     assert strictly(tmp_path / "robbed", robbed, "contacts").verdict.value == "inconclusive"
 
 
+@pytest.mark.parametrize("rules", [STRICT, "aic2026.qualification_as_documented"])
+def test_nobody_leaves_out_the_event_of_a_wrong_port(tmp_path: Path, rules: str) -> None:
+    wrong = {"topic": "/scoring/insertion_event", "data": "/nic_card_mount_0/sfp_port_1"}
+    messages = scene((0.0, 0.0, 0.3))
+    honest = score_trial(run_of(tmp_path / "honest", [*messages[:500], wrong, *messages[500:]]), rules)
+    topics = [t for t in ALL_TOPICS if t != wrong["topic"]]
+    robbed = score_trial(run_of(tmp_path / "robbed", messages, topics=topics), rules)
+
+    assert honest.measured.of("insertion").popitem()[1].quantities["wrong_port"] == 1.0
+    assert interval(robbed)[0] <= interval(honest)[0]
+    assert interval(robbed)[1] >= interval(honest)[0] + 12 + 75
+
+
 @pytest.mark.parametrize(("topic", "check"), [("/tf", "path"), ("/aic_controller/controller_state", "jerk")])
 def test_a_pose_or_a_velocity_that_is_missing_is_open(tmp_path: Path, topic: str, check: str) -> None:
     moving = [
