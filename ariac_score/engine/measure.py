@@ -17,7 +17,7 @@ from ariac_score.documents.given import refuse_other
 from ariac_score.engine.ask import ask_worlds, charts_of
 from ariac_score.engine.open_window import ended_at_cut, opened_by_cut, opened_by_window
 from ariac_score.engine.prepared import Prepared, PreparedCheck, Rules, prepare
-from ariac_score.engine.window_ends import opened_by_ends
+from ariac_score.engine.window_ends import open_throughout, opened_by_ends
 from ariac_score.errors import LogError
 from ariac_score.monitors.broken_bounds import broken_bounds
 from ariac_score.results.result import Coverage, Measured, Result
@@ -103,6 +103,7 @@ def _asked(
     seen = ended_at_cut(trial, prepared) if prepared.rule_set.checks[name].group != _RULES else trial
     found, worlds = ask_worlds(each.plugin, name, each.check, seen, words=prepared.words)
     worlds = opened_by_ends((found, worlds), each, seen, prepared)
+    found = open_throughout(found, seen)
     if trial.cut is None or not trial.cut.open_end or trial.started_s is None:
         found, by_window = opened_by_window(found, each, seen, prepared)
         hang_on_window = {one.subject for one in by_window}

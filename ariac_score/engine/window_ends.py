@@ -15,7 +15,7 @@ from ariac_score.trial.spans import Span
 from ariac_score.trial.sums import exact_sum
 from ariac_score.trial.window import WindowEnds, ends_of, lasting, surely_of
 
-__all__ = ["opened_by_ends"]
+__all__ = ["open_throughout", "opened_by_ends"]
 
 Asked = tuple[list[Finding], list[OpenFindings]]
 """What a check finds in one competition, and what it leaves open."""
@@ -59,6 +59,18 @@ def opened_by_ends(asked: Asked, each: PreparedCheck, trial: Trial, prepared: Pr
         for subject in subjects
     }
     return _numbered(each.name, {subject: both for subject, both in opened.items() if both is not None})
+
+
+def open_throughout(found: Sequence[Finding], trial: Trial) -> list[Finding]:
+    """What is undecided in all of the competition is so in the longest that it may have been."""
+    ends, window = ends_of(trial), trial.window
+    if ends is None:
+        return list(found)
+    longest = ends.of(trial, longest=True).window
+    return [
+        replace(one, span=longest) if one.verdict is Verdict.INCONCLUSIVE and one.span == window else one
+        for one in found
+    ]
 
 
 def _not_certain(

@@ -70,7 +70,14 @@ class Stream:
 
     @classmethod
     def of(
-        cls, signal: Signal, window: Span, max_gap_s: float, assumed: BetweenSamples, *, ended: bool = False
+        cls,
+        signal: Signal,
+        window: Span,
+        max_gap_s: float,
+        assumed: BetweenSamples,
+        *,
+        started: bool = True,
+        ended: bool = False,
     ) -> Stream:
         """The stream of a recorded signal.
 
@@ -79,6 +86,7 @@ class Stream:
             window: The competition.
             max_gap_s: Longest stretch without a sample that a monitor accepts, s.
             assumed: Whether every interval is open.
+            started: Whether the log states the start, and the recording does not just begin then.
             ended: Whether the log states the end, so that the last sample is not that of the recording.
         """
         t = signal.t
@@ -98,7 +106,9 @@ class Stream:
         whole = np.diff(edges)  # an interval that the window cuts is as long as it is
         whole[[0, -1]] = lasts[[0, -1]]
         missing = np.zeros(len(whole), dtype=bool)  # of what the log itself leaves out no length is usual
-        missing[0] = bool(len(t))  # no sample stands for what was before the first
+        # No sample stands for what was before the first, where one is missing: there was a start before, or
+        # one more would have come since the recording began.
+        missing[0] = bool(len(t)) and (started or whole[0] >= min(received, stated) - TOLERANCE_S)
         missing[-1] = ended and bool(len(t))  # nor is there one that ends what the last one says
         missing[1:-1] = within_spans((t[1:] + t[:-1]) / 2, signal.holes)
         unseen = (missing | (whole > longest + TOLERANCE_S)) & (lasts > TOLERANCE_S)

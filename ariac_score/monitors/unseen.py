@@ -257,9 +257,13 @@ class Unseen:
 
     def _stream(self, signal: Signal) -> Stream:
         if signal.name not in self._streams:
-            ended = self.trial.ended_s is not None
             self._streams[signal.name] = Stream.of(
-                signal, self.window, self.max_gap_s, self.assumed, ended=ended
+                signal,
+                self.window,
+                self.max_gap_s,
+                self.assumed,
+                started=self.trial.started_s is not None,
+                ended=self.trial.ended_s is not None,
             )
             for one in signal.disbelieved:
                 if one.span.end_s >= self.window.start_s and one.span.start_s <= self.window.end_s:

@@ -229,8 +229,8 @@ class AgvProtectiveField(LimitMonitor):
     }
 
     def limits(self, signals: Watched) -> int:
-        """That it brakes, and where the log has their distance that it touches nobody."""
-        return 1 + (_APART in signals.optional)
+        """That it brakes, and where the log has their distance, or may have, that it touches nobody."""
+        return 1 + (_APART in signals.optional or not len(signals))
 
     def stopping_distance_m(self, speed_m_s: FloatArray) -> FloatArray:
         """S_A of each speed, shape (n,), m."""
