@@ -121,6 +121,10 @@ class RosbagReader:
         return intake.trial(cut, defects=_contradicting(scan, path))
 
 
+LONGEST_S = 3 * 86400.0
+"""A recording of a trial is no longer, s."""
+
+
 class RecordingIntake:
     """What has been taken in of a recording, and the trial that it shows.
 
@@ -175,6 +179,14 @@ class RecordingIntake:
                 hint="was the simulation running, and did the recorder see its topics?",
             )
         clock = collector.clock(first_ns, last_ns)
+        if clock.recorded.duration_s > LONGEST_S:
+            raise LogError(
+                f"its messages were recorded from {first_ns / 1e9:.3f} s to {last_ns / 1e9:.3f} s, which is "
+                f"{clock.recorded.duration_s / 86400:.0f} days: some by another clock than the others",
+                file=path,
+                hint="leave out those of the other clock, with 'rosbag filter' or 'mcap filter', and score "
+                "what is left",
+            )
         builder = TrialBuilder(_trial_id(path), file=path, clock=clock.clock)
         builder.recorded = clock.recorded
         collector.settle(builder, clock.origin_ns)

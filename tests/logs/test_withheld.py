@@ -884,3 +884,13 @@ def test_formulas_and_shares_of_time_leave_open_what_a_signal_leaves_open() -> N
     assert open_.verdict is Verdict.INCONCLUSIVE
     assert "0.490" in open_.message
     assert share.quantities["missing_s"] == pytest.approx(0.04)
+
+
+def test_a_message_of_another_clock_is_named_and_not_waited_for(tmp_path: Path) -> None:
+    """A transform recorded at time 0, among others of our days: half a century, in steps of 10 ms."""
+    moving = [moved("person", "world", 1.0, START_NS + i * STEP_NS) for i in range(9)]
+    told = replace(moved("room", "world", 5.0, 0), topic="/tf_static", t_ns=0)
+
+    with pytest.raises(LogError, match="some by another clock") as refused:
+        read(tmp_path / "t.bag", [told, *moving], FRAMES, FIXED)
+    assert "leave out those of the other clock" in refused.value.hint
