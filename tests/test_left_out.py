@@ -19,6 +19,7 @@ from ariac_score.checks.open_findings import Worlds
 from ariac_score.trial.bounds import between_samples
 from ariac_score.trial.events import COMPETITION_ENDED, COMPETITION_STARTED
 from ariac_score.trial.model import Due
+from ariac_score_ariac.safety import CollisionEpisodes
 from ariac_score_standards import (
     AgvSpeedClearance,
     HandGuiding,
@@ -350,3 +351,41 @@ def test_what_is_published_and_not_in_the_log_lacks(name: str, every: bool) -> N
     lacking = worst_of(monitor, robbed)
     assert lacking[0] >= number
     assert lacking[1] >= lasts_s - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("monitor", "lacks", "also"),
+    [
+        (PflContact(region="chest"), "contact_force/arm/ann", {}),
+        (CollisionEpisodes(), "in_contact/arm/cart", {}),
+        # 3 N are no touch, and beside what the simulator reports of it they show nothing.
+        (CollisionEpisodes(), "in_contact/arm/cart", {"contact_force/arm/cart": ("N", pulse(1.0, 2.0, 3.0))}),
+        (
+            CollisionEpisodes(),
+            "contact_force/cart/arm",
+            {"body_separation/arm/cart": ("m", np.full(301, 0.001))},
+        ),
+    ],
+)
+@pytest.mark.parametrize("published", [False, True])
+def test_who_watched_for_touches_vouches_for_no_signal_that_is_published_and_lacks(
+    monitor: PflContact | CollisionEpisodes,
+    lacks: str,
+    also: Mapping[str, tuple[str, np.ndarray]],
+    published: bool,
+) -> None:
+    given = Trial(
+        "t",
+        bodies=(Body("arm", "robot", 0.0), Body("ann", "human", 0.0), Body("cart", "agv", 0.0)),
+        signals={name: Signal(name, unit, T, values, f"/{name}") for name, (unit, values) in also.items()},
+        events=(Event(0.0, COMPETITION_STARTED), Event(3.0, COMPETITION_ENDED)),
+        witnessed=frozenset({"bodies", "contact", "in_contact"}),
+        recorded=Span(0.0, 3.0),
+        between=between_samples({}, {}),
+        stand_ins={lacks: Due(f"/{lacks}", 100.0)} if published else {},
+    )
+
+    (found,) = (one for one in monitor.watch_worlds(given) if isinstance(one, Finding))
+    assert (found.verdict, found.span) == (
+        (Verdict.INCONCLUSIVE, Span(0.0, 3.0)) if published else (Verdict.SATISFIED, None)
+    )

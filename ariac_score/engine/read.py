@@ -231,7 +231,7 @@ def read_trial(
     parts = _read_parts(bundle, readers, wanted, progress)
     trial = merge_trials(
         parts[0].id if len(parts) == 1 else bundle.id,
-        [*parts, *_stated_by(log_map)],
+        [*parts, *_stated_by(log_map, parts)],
         file=bundle.root,
         competition=own,
     )
@@ -268,11 +268,13 @@ def _read_parts(
     return [trials[number] for number in range(len(trials))]
 
 
-def _stated_by(log_map: LogMap) -> Iterator[Trial]:
-    """What a log map states of the trial, as a part of it."""
-    if log_map.facts:
+def _stated_by(log_map: LogMap, parts: Iterable[Trial]) -> Iterator[Trial]:
+    """What a log map states of the trial, as a part of it; and whom it names, where no log was read by it."""
+    logs = [part for part in parts if part.origin and part.origin.role == "log"]
+    published = frozenset() if logs else log_map.published_kinds
+    if log_map.facts or published:
         origin = FileOrigin(f"log map {log_map.id}", "log_map", given=True)
-        yield Trial(f"log map {log_map.id}", facts=log_map.facts, origin=origin)
+        yield Trial(f"log map {log_map.id}", facts=log_map.facts, origin=origin, published_kinds=published)
 
 
 def _refuse_ended_run(trial: Trial, bundle: Bundle) -> None:

@@ -22,10 +22,11 @@ from ariac_score_ariac.agreement import is_announced, refuse_other_orders
 from ariac_score_ariac.service_calls import ServiceCall, calls_without_content, submissions_called
 from ariac_score_ariac.stock.agv_states import AGVS, AgvState
 from ariac_score_ariac.stock.console import CONSOLE, Said
-from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, run_of
+from ariac_score_ariac.stock.run_status import HighPriority, Run, RunStatus, course_of, run_of
 from ariac_score_ariac.stock.score_steps import ScoreSeen
 from ariac_score_ariac.stock.settling import Stock, stock_of
 from ariac_score_ariac.work import (
+    NO_HUMAN,
     FaultyProducts,
     KitSubmission,
     OpenTasks,
@@ -64,6 +65,8 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     if run is not None:  # of 2025, whose orders have no messages of their own
         merged = _with_run(merged, run, file)
         parts = [*parts, Trial(merged.id, official=run.official)]
+    elif merged.started_s is None and merged.ended_s is None:  # beside a database, which has its own clock
+        merged = replace(merged, events=tuple(sorted({*merged.events, *course_of(parts)})))
     orders = _orders(parts, first_announced(merged), file)
     bills = [record for part in parts for record in part.records if isinstance(record, SensorBill)]
     only("a sensor cost", [bill.cost for bill in bills], file)
@@ -76,6 +79,7 @@ def joined(merged: Trial, parts: Sequence[Trial], file: object) -> Trial:
     defects = [*merged.log_defects, *_other_sensors(merged.team, counted)]
     defects += [LogDefect("orders_not_announced", merged.id, unannounced, message)] if unannounced else []
     _refuse_other_priorities(parts, stock.official, file)
+    _refuse_other_challenges(parts, file)
     orders = tuple(_with_printed_priority(order, stock.official) for order in orders)
     submissions, from_stock = _submissions(parts, stock, file)
     defects += stock.defects if from_stock else []
@@ -244,6 +248,26 @@ def _refuse_other_priorities(parts: Sequence[Trial], official: OfficialResult | 
                 raise ContradictionError(
                     what, (name, str(order.priority)), (repr(official.source), says), file=file
                 )
+
+
+def _refuse_other_challenges(parts: Sequence[Trial], file: object) -> None:
+    """Refuse a recording that says that nobody walks about, where the configuration has somebody do so.
+
+    Raises:
+        ContradictionError: Naming both, and what each says.
+    """
+    configured = [part for part in parts if part.origin and part.origin.role == "trial_config"]
+    recorded = [part for part in parts if part.origin and part.origin.role == "log"]
+    walking = [part for part in configured if NO_HUMAN not in part.witnessed]
+    nobody = [part for part in recorded if NO_HUMAN in part.witnessed]
+    if walking and nobody:
+        (one, *_), (other, *_) = walking, nobody
+        raise ContradictionError(
+            "whether somebody walks about",
+            (str(one.origin), "a human challenge"),
+            (str(other.origin), "none"),
+            file=file,
+        )
 
 
 def _with_printed_priority(order: Order, official: OfficialResult | None) -> Order:

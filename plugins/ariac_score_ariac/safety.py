@@ -270,6 +270,8 @@ class _EventsOnline:
 # Collisions that cost per occurrence -----------------------------------------------------------
 
 _COLLISION_CLAUSE = "ARIAC 2025 rules, collisions"
+_SHOWING_TOUCH = ("in_contact", "contact_force", "body_separation")
+"""What shows whether two bodies touch, the most telling first."""
 _OF_COLLISION = {
     "occurrences": Measure("count", best=0.0, meaning="how often it counts"),
     "length_s": Measure("s", best=0.0, meaning="from the first touch to the last"),
@@ -388,7 +390,8 @@ class CollisionEpisodes:
             yield self._nobody(trial)
         for first, second in pairs:
             touching = self._touching(trial, first, second)
-            names = () if touching is None else touching.watched.columns
+            lacking = self._lacking(trial, first, second)
+            names = () if touching is None or lacking else touching.watched.columns
             yield from worlds_between(
                 trial,
                 f"{first.id}/{second.id}",
@@ -417,8 +420,18 @@ class CollisionEpisodes:
     def _recorded(self, trial: Trial, first: Body, second: Body) -> bool:
         """Whether the log has anything about two bodies; with the environment not every log has."""
         return self._touching(trial, first, second) is not None or bool(
-            self._from_events(trial, first, second)
+            self._from_events(trial, first, second) or self._lacking(trial, first, second)
         )
+
+    def _lacking(self, trial: Trial, first: Body, second: Body) -> str:
+        """The signal that would show whether two bodies touched, is published, and is not in the log."""
+        for quantity in _SHOWING_TOUCH:
+            for name in (f"{quantity}/{first.id}/{second.id}", f"{quantity}/{second.id}/{first.id}"):
+                if trial.find_signal(name) is not None:
+                    return ""
+                if name in trial.stand_ins:
+                    return name
+        return ""
 
     def _nobody(self, trial: Trial) -> Finding:
         message = "the log shows no two bodies that could collide"
@@ -464,6 +477,10 @@ class CollisionEpisodes:
 
     def _judge(self, trial: Trial, first: Body, second: Body) -> Iterator[Finding]:
         subject = f"{first.id}/{second.id}"
+        if lacking := self._lacking(trial, first, second):
+            message = f"signal {lacking!r} is published, and is not in the log"
+            yield Finding.inconclusive(subject, message, span=trial.window, clause=_COLLISION_CLAUSE)
+            return
         touching = self._touching(trial, first, second)
         collisions: list[tuple[Span, Mapping[str, float]]]
         if touching is not None:

@@ -165,7 +165,7 @@ class PflContact(LimitMonitor):
         if touched:
             message = f"contact at {touched[0].t_s:.3f} s without a force: signal {name!r} is not in the log"
             return Finding.inconclusive(subject.name, message, span=trial.window, clause=self.clause)
-        if CONTACT in trial.witnessed:
+        if CONTACT in trial.witnessed and name not in trial.stand_ins:
             return Finding.satisfied(subject.name, "the log records no contact", clause=self.clause)
         message = f"signal {name!r} is not in the log"
         return Finding.inconclusive(subject.name, message, span=trial.window, clause=self.clause)

@@ -32,7 +32,7 @@ from ariac_score_ariac.service_calls import submissions_called
 from ariac_score_ariac.stock.console import SCORE_LOGGER, lines_said, said_by
 from ariac_score_ariac.work import KitSubmission, submissions_of
 
-__all__ = ["AriacInterfaces2025", "HighPriority", "Run", "RunStatus", "run_of"]
+__all__ = ["AriacInterfaces2025", "HighPriority", "Run", "RunStatus", "course_of", "run_of"]
 
 STARTED, ORDERS_COMPLETE, ENDED = 2, 3, 4
 """States; before them the numbers of orders may be 0."""
@@ -145,17 +145,10 @@ def run_of(parts: Sequence[Trial], file: object = None) -> Run | None:
         LogError: Recorded submissions are not those that the simulator counted.
     """
     statuses = sorted(_of(RunStatus, parts), key=lambda status: status.t_s)
-    counting = [s for s in statuses if s.state >= STARTED and any(s.asked)]
-    if not counting or any(part.official for part in parts):
+    known = _known(statuses)
+    if not known or any(part.official for part in parts):
         return None
-    # While all orders are in, some releases leave the numbers out.
-    known = [
-        replace(s, asked=counting[0].asked, remaining=(0, 0)) if s.state == ORDERS_COMPLETE else s
-        for s in statuses
-        if s.state == ORDERS_COMPLETE or s in counting
-    ]
-    started, last = known[0], known[-1]
-    ended = next((status for status in known if status.state == ENDED), None)
+    last, ended = known[-1], _ended(known)
     witnessed = frozenset[str]().union(*(part.witnessed for part in parts))
     handed_in = _handed_in(parts, known)
     if SUBMISSIONS in witnessed and ended:
@@ -185,8 +178,7 @@ def run_of(parts: Sequence[Trial], file: object = None) -> Run | None:
         # Nobody can hand in what was not announced, for its name is not known.
         seen = HIGH_PRIORITY_ORDERS in witnessed and statuses[0].state < STARTED
         facts |= {"num_high_priority": len(urgent)} if seen else {}
-    events = [Event(started.t_s - started.elapsed_s, COMPETITION_STARTED)]
-    events += [Event(ended.t_s, COMPETITION_ENDED)] if ended else []
+    events = _course(known)
     events += [
         Event(_recorded_at(known, o.announced_s), ORDER_ANNOUNCED, o.id)
         for o in (*orders, *urgent)
@@ -203,6 +195,32 @@ def run_of(parts: Sequence[Trial], file: object = None) -> Run | None:
         tuple(sorted(events)),
         {name: float(value) for name, value in facts.items()},
     )
+
+
+def course_of(parts: Sequence[Trial]) -> list[Event]:
+    """When the run that recordings show started and ended; the database tells that on a clock of its own."""
+    return _course(_known(sorted(_of(RunStatus, parts), key=lambda status: status.t_s)))
+
+
+def _known(statuses: Sequence[RunStatus]) -> list[RunStatus]:
+    """What is said of the run while it goes on, and at its end."""
+    counting = [s for s in statuses if s.state >= STARTED and any(s.asked)]
+    # While all orders are in, some releases leave the numbers out.
+    return [
+        replace(s, asked=counting[0].asked, remaining=(0, 0)) if s.state == ORDERS_COMPLETE else s
+        for s in statuses
+        if counting and (s.state == ORDERS_COMPLETE or s in counting)
+    ]
+
+
+def _ended(known: Sequence[RunStatus]) -> RunStatus | None:
+    return next((status for status in known if status.state == ENDED), None)
+
+
+def _course(known: Sequence[RunStatus]) -> list[Event]:
+    ended = _ended(known)
+    started = [Event(one.t_s - one.elapsed_s, COMPETITION_STARTED) for one in known[:1]]
+    return started + ([Event(ended.t_s, COMPETITION_ENDED)] if ended else [])
 
 
 def _of(kind: type, parts: Iterable[Trial]) -> Iterator[Any]:
