@@ -133,8 +133,9 @@ def _opened(lengths: Sequence[_Both], ends: WindowEnds, window: Span | None) -> 
     """Both worlds of a subject over all lengths, the shortest first; `None` where nothing is open."""
     stated = lengths[1]
     # A shorter competition is the better one, and a longer one the worse, unless the check says otherwise.
-    kinder = min(lengths, key=lambda one: _badness(one.best))
-    harsher = max(reversed(lengths), key=lambda one: _badness(one.worst))
+    # What applied, and was kept, may earn points, which what never applied does not.
+    kinder = min(lengths, key=lambda one: (_badness(one.best), _never_applied(one.best)))
+    harsher = max(reversed(lengths), key=lambda one: (_badness(one.worst), _never_applied(one.worst)))
     if alike(kinder.best, stated.best) and alike(harsher.worst, stated.worst):
         return stated if stated.is_open else None
     if not stated.is_open and _undecided(stated.best) and _undecided(harsher.worst):
@@ -155,6 +156,10 @@ def _badness(findings: Iterable[Finding]) -> tuple[int, int, float, float]:
         for name in ("time_in_violation_s", "relative_depth_integral_s")
     )
     return sum(one.critical for one in broken), len(broken), time_s, depth_s
+
+
+def _never_applied(findings: Sequence[Finding]) -> bool:
+    return bool(findings) and all(one.verdict is Verdict.NOT_APPLICABLE for one in findings)
 
 
 def _undecided(findings: Sequence[Finding]) -> bool:

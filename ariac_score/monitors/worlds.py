@@ -19,7 +19,7 @@ from ariac_score.checks.findings import Finding, Verdict, canonical
 from ariac_score.checks.open_findings import Cause, Worlds
 from ariac_score.errors import MissingSignalError
 from ariac_score.monitors.blunt import Judged, blunt_worlds
-from ariac_score.monitors.causes import causes_of_cells
+from ariac_score.monitors.causes import causes_of_cells, causes_of_spans
 from ariac_score.monitors.cells import INSTANT_S, TOLERANCE_S, Cells, Stream, cells_of
 from ariac_score.monitors.flags import found_or_due
 from ariac_score.monitors.limits import JudgedLimit, Statement
@@ -136,7 +136,11 @@ def _blunt(
     at_worst = monitor.at_worst(going_on, spans) if monitor.at_worst is not None and decided else None
     limits = 1 if monitor.limits is None else monitor.limits(going_on)
     if at_worst is not None and all(one.verdict is Verdict.SATISFIED for one in at_worst):
-        kept = tuple(at_worst)
+        kept, shown = tuple(at_worst), tuple(_findings(judged[0]))
+        if shown and all(one.verdict is Verdict.NOT_APPLICABLE for one in shown):
+            # It may have applied in a gap, and was kept then: that may earn points.
+            causes = causes_of_spans(opened, spans)
+            return Opened(Worlds(watched.subject.name, kept, shown, causes), shown, agree=False)
         return Opened(Worlds(watched.subject.name, kept, kept), kept, agree=True)
     said = dict.fromkeys(watched.gaps, "a violation was possible in all of it")
     readings = [list(_by_limit(one, monitor)) for one in judged]
