@@ -389,3 +389,23 @@ def test_who_watched_for_touches_vouches_for_no_signal_that_is_published_and_lac
     assert (found.verdict, found.span) == (
         (Verdict.INCONCLUSIVE, Span(0.0, 3.0)) if published else (Verdict.SATISFIED, None)
     )
+
+
+@pytest.mark.parametrize(
+    ("score", "least"), [("max(-10, 10 - 4 * seconds(it))", -10), ("10 - seconds(it)", None)]
+)
+def test_of_a_log_that_tells_of_no_time_the_worst_is_what_the_formula_has_at_least(
+    tmp_path: Path, score: str, least: int | None
+) -> None:
+    head = {"record": "trial", "format": "ariac-score-trial-log/1", "id": "t", "witnessed": ["bodies"]}
+    bodies = [{"record": "body", "id": "robot", "kind": "robot"}]
+    log = tmp_path / "log.jsonl"
+    log.write_text("\n".join(map(json.dumps, [head, *bodies])), encoding="utf-8")
+    rules = tmp_path / "rules.yaml"
+    rules.write_text(
+        "id: r\ntitle: r\nsource: r\nmonitors: {it: {use: iso_10218_1.reduced_speed}}\n"
+        f"task: 0\nscore: {score}\n",
+        encoding="utf-8",
+    )
+
+    assert score_trial(log, load_rule_set(rules)).score == least

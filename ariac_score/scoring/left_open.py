@@ -232,9 +232,9 @@ def _unwatched(key: str, finding: Finding, left_open: LeftOpen, declared: Mappin
     if end_s is not None and (finding.span is None or finding.span.end_s >= end_s - 1e-9):
         return _without_end(_undecided(key, finding, declared), declared)
     span = finding.span or left_open.watched
-    quantities = dict(finding.quantities)
-    if span:
-        quantities.update(dict.fromkeys(TIMES, span.duration_s))
+    if span is None:  # the log tells of no time at all
+        return _without_end(_undecided(key, finding, declared), declared)
+    quantities = {**finding.quantities, **dict.fromkeys(TIMES, span.duration_s)}
     worst = replace(
         _not_seen(finding, "worst"),
         verdict=Verdict.VIOLATED,
