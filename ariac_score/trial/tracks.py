@@ -43,13 +43,27 @@ class ModelTrack:
         gone = int(np.searchsorted(self.deleted, frame, side="right")) - 1
         return row >= 0 and (gone < 0 or bool(self.deleted[gone] <= self.frames[row]))
 
+    def around(self, frame: int) -> tuple[Pose, Pose] | None:
+        """Its poses before and after a frame that lacks it alone; `None` where it is there, or gone for good.
+
+        Raises:
+            ValueError: The log gives none that is usable.
+        """
+        after = int(np.searchsorted(self.frames, frame, side="right"))
+        if self.exists(frame) or not 0 < after < len(self.frames):
+            return None
+        return self._pose(after - 1), self._pose(after)
+
     def pose(self, frame: int) -> Pose:
         """Its last known pose in a frame in which it exists.
 
         Raises:
             ValueError: The log gives none that is usable.
         """
-        row = self.poses[int(np.searchsorted(self.frames, frame, side="right")) - 1].tolist()
+        return self._pose(int(np.searchsorted(self.frames, frame, side="right")) - 1)
+
+    def _pose(self, number: int) -> Pose:
+        row = self.poses[number].tolist()
         at, turn = (row[0], row[1], row[2]), row[3:]
         if len(turn) == 3:
             if not all(map(math.isfinite, turn)):

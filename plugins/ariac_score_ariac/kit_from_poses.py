@@ -187,7 +187,8 @@ class KitPoses(KitRecord):
         """What lay at a place at a time; `None` when the log does not show it.
 
         Unknown is a place without a tray in the log, a time before its first frame, two
-        loose trays on one AGV, and a product whose pose is not usable.
+        loose trays on one AGV, a product whose pose is not usable, and one that lies there
+        before and after, but is not in the log in between.
         """
         frame = self._frame_at(t_s, max_age_s)
         if frame is None:
@@ -198,7 +199,7 @@ class KitPoses(KitRecord):
                 if kit is not None:
                     return kit
         except ValueError:
-            return None  # a pose that is not usable; whether the thing lay on the tray is then unknown
+            return None  # a pose that lacks, or is not usable: whether the thing lay on the tray is unknown
         return None
 
     def _frame_at(self, t_s: float, max_age_s: float) -> int | None:
@@ -241,6 +242,8 @@ class KitPoses(KitRecord):
                 pose = product.pose(frame).seen_from(base)
                 if on.holds(pose.position_m):
                     lying.append(Product(self._kits.type_of(product.model), pose, name=product.model))
+            else:
+                _refuse_between(product, frame, on, base)
         return Kit(
             place, t_s, _in_known_order(lying) if self._kits.names == "part" else tuple(lying), found, faults
         )
@@ -257,7 +260,20 @@ class KitPoses(KitRecord):
                 if tray.holds(on_base.position_m):
                     name = track.model if self._kits.names == "part" else product_type(track.model)
                     found.append((name, pose, on_base))
+            elif fnmatchcase(track.name, loose.match):
+                _refuse_between(track, frame, tray, base)
         return found
+
+
+def _refuse_between(track: ModelTrack, frame: int, on: LooseTray, base: Pose) -> None:
+    """Refuse to say what lies on something where what lay there before, or does after, is not listed.
+
+    Raises:
+        ValueError: It may have lain there.
+    """
+    around = track.around(frame)
+    if around is not None and any(on.holds(pose.seen_from(base).position_m) for pose in around):
+        raise ValueError(f"{track.name!r} is not listed, and is before and after")
 
 
 def _best_of_each_model(tracks: Iterable[ModelTrack]) -> list[ModelTrack]:

@@ -417,6 +417,19 @@ def test_link_states_of_a_bag_show_kits() -> None:
     assert gone.contents == ()  # each message lists all there is
 
 
+def test_what_a_message_alone_does_not_list_may_have_lain_there() -> None:
+    """Gazebo gives no name twice: what is there again was there all the time."""
+    frames = ModelFrames(FIXED)
+    for second, listed in enumerate(((BAG_PART,), (), (BAG_PART,), (), ()), start=1):
+        frames.add(states(BAG_TRAY, *listed), second * 1_000_000_000)
+    record = frames.record(0)
+
+    assert record is not None
+    seen = [record.seen("agv2", float(second), max_age_s=1.0) for second in (1, 2, 3, 4, 5)]
+    assert seen[1] is None
+    assert [len(kit.contents) for kit in seen if kit is not None] == [1, 1, 0, 0]
+
+
 def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
     frames = ModelFrames(FIXED)
     frames.add(states(BAG_TRAY), 1_000_000_000)

@@ -295,7 +295,8 @@ def test_the_task_score_is_the_total_a_real_run_printed(
     path = shared / "ariac" / "data" / "found" / f"{name}.log"
     result = score_trial(path, f"ariac{edition}.official")
 
-    assert amounts(result) == (None, total)
+    # Of what no text says, such as collisions, the score is open; of nothing there is nothing to lose.
+    assert amounts(result) == (None if total else 0, total)
     assert result.status == "incomplete"  # nobody knows the team's sensors
 
 
