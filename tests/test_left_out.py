@@ -398,11 +398,10 @@ def test_of_a_log_that_tells_of_no_time_the_worst_is_what_the_formula_has_at_lea
     tmp_path: Path, score: str, least: int | None
 ) -> None:
     head = {"record": "trial", "format": "ariac-score-trial-log/1", "id": "t", "witnessed": ["bodies"]}
-    bodies = [{"record": "body", "id": "robot", "kind": "robot"}]
+    body = {"record": "body", "id": "robot", "kind": "robot"}
     log = tmp_path / "log.jsonl"
-    log.write_text(
-        "\n".join(map(json.dumps, [head, *bodies, {"record": "end", "records": 3}])), encoding="utf-8"
-    )
+    lines = [head, body, {"record": "end", "records": 3}]
+    log.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     rules = tmp_path / "rules.yaml"
     rules.write_text(
         "id: r\ntitle: r\nsource: r\nlog_map: paper2020\nmonitors: {it: {use: iso_10218_1.reduced_speed}}\n"
