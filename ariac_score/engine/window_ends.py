@@ -135,7 +135,10 @@ def _opened(lengths: Sequence[_Both], ends: WindowEnds, window: Span | None) -> 
     # A shorter competition is the better one, and a longer one the worse, unless the check says otherwise.
     # What applied, and was kept, may earn points, which what never applied does not.
     kinder = min(lengths, key=lambda one: (_badness(one.best), _never_applied(one.best)))
-    harsher = max(reversed(lengths), key=lambda one: (_badness(one.worst), _never_applied(one.worst)))
+    never = [replace(one, worst=one.best) for one in lengths if _never_applied(one.best)]
+    harsher = max(
+        [*never, *reversed(lengths)], key=lambda one: (_badness(one.worst), _never_applied(one.worst))
+    )
     if alike(kinder.best, stated.best) and alike(harsher.worst, stated.worst):
         return stated if stated.is_open else None
     if not stated.is_open and _undecided(stated.best) and _undecided(harsher.worst):

@@ -42,17 +42,20 @@ class Judged:
         broken: When it was, as samples stand, however briefly.
         findings: What was found of it.
         depth: How deep in each of these; empty: as deep as can be.
+        by_course: Whether the monitor says that its findings are of what takes a course.
     """
 
     broken: Sequence[Span]
     findings: Sequence[Finding]
     depth: Sequence[DepthProfile] = ()
+    by_course: bool = False
 
     @property
     def is_told(self) -> bool:
         """Whether its violations are the stretches in which it was broken, not what takes a course."""
-        if any(one.verdict is Verdict.SATISFIED and one.span is not None for one in self.findings):
-            return False  # nobody asks when a limit was kept
+        when_kept = (one.span for one in self.findings if one.verdict is Verdict.SATISFIED)
+        if self.by_course or any(when_kept):  # nobody asks when a limit was kept
+            return False
         begins_s = [one.start_s for one in self.broken]
         for violation in violations_of(self.findings):
             start_s = violation.span.start_s if violation.span else math.nan

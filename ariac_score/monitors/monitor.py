@@ -143,6 +143,14 @@ class SubjectMonitor:
         return ()
 
     @property
+    def by_course(self) -> bool:
+        """Whether its findings are of what takes its course, such as a contact, which was bad as a whole.
+
+        Those of other limits are of the stretches in which they were broken.
+        """
+        return False
+
+    @property
     def when_cut(self) -> WhenCut:
         """What its findings are worth where the log is cut off, as `open` where it does not say so."""
         return "open"
@@ -280,6 +288,7 @@ class _Unseen:
             max(reach.ahead, int(reach.back == "neighbour")),
             monitor.may_hide,
             monitor.courses,
+            by_course=monitor.by_course,
             graded=monitor.rules.graded,
             limits=monitor.limits,
             at_worst=monitor.at_worst,

@@ -213,13 +213,14 @@ def _by_limit(statements: Sequence[Statement], monitor: Worsening) -> Iterator[J
     """Each limit, when it is broken, and what was found of it, which is stated behind it."""
     rows = [row for row, one in enumerate(statements) if isinstance(one, JudgedLimit)]
     if not rows:
-        yield Judged((), _findings(statements))
+        yield Judged((), _findings(statements), by_course=monitor.by_course)
     for first, behind in pairwise([*rows, len(statements)]):
         limit = statements[first]
         assert isinstance(limit, JudgedLimit)
         own = statements[0 if first == rows[0] else first : behind]
         each = limit.episodes(t_on_s=0.0, t_off_s=0.0) if monitor.graded else []
-        yield Judged(_broken_spans(limit), _findings(own), [one.profile for one in each])
+        depth = [one.profile for one in each]
+        yield Judged(_broken_spans(limit), _findings(own), depth, by_course=monitor.by_course)
 
 
 def _broken_spans(limit: JudgedLimit) -> list[Span]:

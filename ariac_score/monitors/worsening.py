@@ -35,6 +35,7 @@ class Worsening:
         may_hide: What some signals may have been where nothing shows them, so that what follows is judged
             otherwise, by template; each is tried.
         courses: What it judges each by itself, such as a stop until the next start: each may be violated.
+        by_course: Whether its findings are of what takes its course, such as a contact: bad as a whole.
         shows_itself: Whether a sample by itself shows its own instant.
         graded: Whether the depth relative to the limit says how bad a violation is.
         limits: How many limits it judges, given the signals of a subject; `None`: one.
@@ -52,6 +53,7 @@ class Worsening:
     beside: int = 0
     may_hide: Sequence[Mapping[str, float | tuple[float, ...]]] = ()
     courses: Callable[[Watched], Sequence[Span]] | None = None
+    by_course: bool = False
     shows_itself: bool = True
     graded: bool = True
     limits: Callable[[Watched], int] | None = None

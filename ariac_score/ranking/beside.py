@@ -117,6 +117,23 @@ def _term(name: str, result: Result, rule_set: RuleSet) -> float:
     return float(sheet.evaluate_in(formula, trial, findings)[""].value)
 
 
+def _term_compared(name: str, result: Result, rule_set: RuleSet, *, highest: bool) -> float:
+    """The same, as runs are compared by it.
+
+    What no score depends on is in no world that counts: it counts at the end at which scores do.
+    """
+    sheet = rule_set.sheet
+    formula = Expression.parse(name, where=f"$.ranking: {name}")
+    known = frozenset[str]() if sheet.needs_cohort else sheet.scored
+    if sheet.checks_in(formula) <= known or not _is_open(result):
+        return _term(name, result, rule_set)
+    ends = ends_as_decided(name, result, rule_set)
+    found = min(ends) if highest is (rule_set.counts != "best") else max(ends)
+    if not isfinite(found):
+        raise FormulaError(f"nothing bounds {name}, by which runs are compared")
+    return found
+
+
 def best_runs(outcomes: Sequence[RunOutcome], spec: Spec) -> dict[tuple[str, str], tuple[RunOutcome, ...]]:
     """The best runs of each team and trial, best first; equal ones in order of their numbers."""
     groups: dict[tuple[str, str], list[RunOutcome]] = {}
@@ -314,4 +331,5 @@ def terms_of(result: Result, spec: Spec, rule_set: RuleSet) -> dict[str, float]:
     Raises:
         FormulaError: One of them has no value.
     """
-    return {name: _term(name, result, rule_set) for name in spec.terms}
+    better = {key.name: key.highest for key in (*spec.by, *spec.ties)}
+    return {name: _term_compared(name, result, rule_set, highest=better[name]) for name in spec.terms}

@@ -270,6 +270,11 @@ class _Around:
                 sums[key] = (priced(certain),)
             return constant(*sums[key])
 
+        if function in ("measure", "occurrences"):
+            settled = [one for one in variables if _is_settled(one, [each.source for each in rest])]
+            certain = {**certain, **{key: f for one in settled for key, f in one.best.items()}}
+            variables = [one for one in variables if one not in settled]
+            given = (*given, *(one.key for one in settled))
         if not variables:
             return seen()
         if function == "points" and (
@@ -429,6 +434,24 @@ class _Around:
         self.worlds.unbounded[
             f"nothing bounds {label} of {one.subject or 'the trial'}: {one.causes[0].text}"
         ] = None
+
+
+def _is_settled(one: Variable, quantities: Sequence[str]) -> bool:
+    """Whether both worlds have the same violations, as far as some quantities say: only others are open."""
+    if one.limits is not None or one.endless or one.is_verdict:
+        return False
+    ends = [
+        sorted(
+            (f.span.start_s, f.span.end_s, *(f.quantities.get(name, inf) for name in quantities))
+            if f.span
+            else (-inf, inf, *(f.quantities.get(name, inf) for name in quantities))
+            for f in world.values()
+            if _is_violated(f) or any(name in f.quantities for name in quantities)
+        )
+        for world in (one.best, one.worst)
+    ]
+    number = sum(map(_is_violated, one.worst.values()))
+    return ends[0] == ends[1] and one.fewest == one.most == number
 
 
 def _is_violated(finding: Finding) -> bool:

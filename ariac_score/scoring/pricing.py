@@ -126,8 +126,8 @@ def contribute(
         used = frozenset[str]().union(*(sheet.checks_in(formula, term.level) for formula in term.formulas))
         assumed = assume(findings, policies, priced=used)
         named = frozenset[str]().union(*(sheet.facts_in(formula, term.level) for formula in term.formulas))
-        among = _open_checks(used, policies) | (named & {DURATION})
-        variables = variables_of(assumed.findings, left_open, among, {})
+        among = used | (named & {DURATION})
+        variables = _variables(findings, assumed, left_open, among, policies, {}, None)
         if variables:
             undecided[name] = variables[0].causes[0].text
         else:
@@ -166,8 +166,7 @@ def price(
     assumed = assume(findings, policies, priced=sheet.priced)
     scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
     by_task = _open_in(sheet.priced_by_task, sheet.task, sheet, left_open)
-    among = _open_checks(scored | by_task, policies)
-    variables = variables_of(assumed.findings, left_open, among, measures, cohort)
+    variables = _variables(findings, assumed, left_open, scored | by_task, policies, measures, cohort)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, digits, left_open.counts)
     task = maker.task(by_task)
     # Before any score is refused: a withheld result still says what it could have been.
@@ -175,7 +174,7 @@ def price(
     try:
         settled = maker.settled(sheet.score, scored, cohort)
     except NeedsCohortError as missing:
-        if any(one.check in sheet.scored for one in variables):
+        if any(one.check in sheet.scored_across for one in variables):
             # What a team brings to values across teams cannot be open, so none of them can be had.
             return Priced("incomplete", None, task, possible, maker.assumptions(None))
         return Priced("needs_cohort", None, task, possible, maker.assumptions(None), missing.cause)
@@ -242,7 +241,7 @@ def value_of(
     if assumed.zeroed:
         return 0
     cohort, measures = cohort or CohortValues(), measures or {}
-    variables = variables_of(assumed.findings, left_open, _open_checks(scored, policies), measures, cohort)
+    variables = _variables(findings, assumed, left_open, scored, policies, measures, cohort)
     if not variables:
         return sheet.evaluate(scopes, assumed.findings, cohort).value
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 9, left_open.counts)
@@ -271,7 +270,7 @@ def counted_world(
     """
     assumed = assume(findings, policies, priced=sheet.scored)
     scored = _open_in(sheet.scored, sheet.score, sheet, left_open)
-    variables = variables_of(findings, left_open, _open_checks(scored, policies), measures, cohort)
+    variables = _variables(findings, None, left_open, scored, policies, measures, cohort)
     if not variables:
         return CountedWorld(findings, scopes)
     maker = _Maker(scopes, sheet, assumed, variables, cohort, measures, 0, left_open.counts)
@@ -302,8 +301,8 @@ def ends_of_term(
         FormulaError: It has no value.
     """
     assumed, formula = assume(findings, policies, priced=sheet.scored), sheet.terms[TRIAL][name]
-    among = _open_checks(_open_in(sheet.scored, formula, sheet, left_open), policies)
-    variables = variables_of(assumed.findings, left_open, among, measures)
+    used = _open_in(sheet.checks_in(formula), formula, sheet, left_open)
+    variables = _variables(findings, assumed, left_open, used, policies, measures, None)
     worlds = Worlds(sheet, formula, scopes, assumed.findings, variables, CohortValues(), measures)
     return worlds.end(least=True).value, worlds.end(least=False).value
 
@@ -313,9 +312,34 @@ def _beyond(sheet: ScoreSheet) -> frozenset[str]:
     return frozenset(f"{OF_RUNS}{name}" for name in sheet.pooled)
 
 
-def _open_checks(used: frozenset[str], policies: Mapping[str, str]) -> frozenset[str]:
-    """The checks of which what is undecided is priced in the worlds that it leaves possible."""
-    return frozenset(check for check in used if policies.get(check, OPEN) in (OPEN, "withhold"))
+def _variables(
+    findings: Mapping[str, Finding],
+    assumed: Assumed | None,
+    left_open: LeftOpen,
+    used: frozenset[str],
+    policies: Mapping[str, str],
+    measures: Mapping[str, Mapping[str, Measure]],
+    cohort: CohortValues | None,
+) -> list[Variable]:
+    """What is open of some checks, and priced in the worlds that it leaves possible.
+
+    Of a check whose undecided findings count as the rules say, that is what leaves none: a gap that is too
+    short to be a finding of its own hides something all the same.
+    """
+    ruled = frozenset(check for check in used if policies.get(check, OPEN) in ("worst_case", "zero"))
+    open_checks = frozenset(check for check in used if policies.get(check, OPEN) in (OPEN, "withhold"))
+    undecided = {(f.check, f.subject) for f in findings.values() if f.verdict is Verdict.INCONCLUSIVE}
+    opened = tuple(
+        one
+        for one in left_open.findings
+        if one.check not in ruled or (one.check, one.subject) not in undecided
+    )
+    brief = ruled & {one.check for one in opened}
+    given = findings if assumed is None else assumed.findings
+    given = {
+        key: f for key, f in given.items() if f.check not in brief or f.verdict is not Verdict.INCONCLUSIVE
+    }
+    return variables_of(given, replaced(left_open, findings=opened), open_checks | brief, measures, cohort)
 
 
 def _open_in(

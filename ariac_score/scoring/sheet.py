@@ -202,6 +202,15 @@ class ScoreSheet:
         return any(level == _COHORT for level, _ in self._reached(self.score, "trial"))
 
     @cached_property
+    def scored_across(self) -> frozenset[str]:
+        """The checks, and the facts, that the values across teams rest on which the score takes."""
+        names = {name for level, name in self._reached(self.score, "trial") if level == _COHORT}
+        formulas = [(f, self.cohort[name].level) for name in names for f in self.cohort[name].formulas]
+        return frozenset(
+            used for each, at in formulas for used in (*self.checks_in(each, at), *self.facts_in(each, at))
+        )
+
+    @cached_property
     def pooled(self) -> tuple[str, ...]:
         """The terms of the trial that the score takes at their greatest over all runs (`runs.…`)."""
         formulas = [

@@ -100,6 +100,7 @@ class PflContact(LimitMonitor):
 
     subjects = pairs("robot", "human")
     may_be_critical: ClassVar[bool] = True
+    by_course: ClassVar[bool] = True
     wanted: ClassVar[Mapping[str, str]] = {_FORCE: "N"}
     optional: ClassVar[Mapping[str, str]] = {
         _PRESSURE: "Pa",
