@@ -288,7 +288,7 @@ def priced_beside(
             run, score=result.score, result=result, cause=with_lost(run.cause, values, ends), open=ends
         )
     # Others that withhold it are no reason to say that the rules have no value for it.
-    outcome = "undecided" if ends or values.beyond else "no_value"
+    outcome = "undecided" if ends or values.beyond or _is_open(result) else "no_value"
     cause = why_withheld(result)
     return replace(run, outcome=outcome, cause=cause, score=None, result=result, kept=False, open=ends)
 

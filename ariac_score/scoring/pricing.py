@@ -174,8 +174,9 @@ def price(
     try:
         settled = maker.settled(sheet.score, scored, cohort)
     except NeedsCohortError as missing:
-        if any(one.check in sheet.scored_across for one in variables):
-            # What a team brings to values across teams cannot be open, so none of them can be had.
+        if any(one.check in sheet.scored_across for one in variables) or not maker.bounds_all(scored):
+            # What a team brings to values across teams cannot be open, so none of them can be had. Nor does
+            # a team bring anything whose score nothing bounds, whatever others do.
             return Priced("incomplete", None, task, possible, maker.assumptions(None))
         return Priced("needs_cohort", None, task, possible, maker.assumptions(None), missing.cause)
     except UnknownFactError as missing:
@@ -395,6 +396,16 @@ class _Maker:
             self.sheet, formula, self.scopes, self.assumed.findings, inside, cohort, self.measures
         )
         return settle(worlds, counts=self.counts)
+
+    def bounds_all(self, used: frozenset[str]) -> bool:
+        """Whether the score has both ends, whatever other teams do: with 1 for each value across teams."""
+        paths = [scope.path for scope in self.scopes.walk()]
+        ones = {name: dict.fromkeys(paths, 1.0) for name in self.sheet.cohort}
+        try:
+            settled = self.settled(self.sheet.score, used, CohortValues(values=ones))
+        except FormulaError:
+            return False
+        return settled.is_bounded and not self.is_withheld(self.sheet.scored, settled)
 
     def without_bound(self, settled: Settled, used: frozenset[str]) -> str:
         """Why no number bounds a score on one side, its other side, and between what its terms lie."""
