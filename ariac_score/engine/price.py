@@ -90,6 +90,9 @@ def check_uses(rule_set: RuleSet) -> dict[str, CheckUse]:
     }
 
 
+_BETWEEN = "between_samples"
+
+
 def _refuse_other_authority(result: Result, rule_set: RuleSet) -> None:
     """Refuse to price what was measured on a word that the rules do not take.
 
@@ -116,6 +119,34 @@ def _refuse_other_authority(result: Result, rule_set: RuleSet) -> None:
         )
 
 
+def _refuse_other_gaps(result: Result, rule_set: RuleSet) -> None:
+    """Refuse to price what was measured with other bounds of the time between samples.
+
+    Raises:
+        RuleSetError: Naming what the rules have otherwise.
+    """
+    stated = {
+        one.name: one.value
+        for settings in (result.measured.settings or {}).values()
+        for one in settings.parameters
+        if one.name == _BETWEEN or one.name.startswith("bounds.")
+    }
+    if not stated:
+        return
+    asked: dict[str, object] = {_BETWEEN: rule_set.between_samples}
+    for kind, own in rule_set.bounds.items():
+        numbers = own.items() if isinstance(own, dict) else [("", own)]
+        asked |= {f"bounds.{kind}.{name}".rstrip("."): number for name, number in numbers if name != "source"}
+    for name, number in asked.items():
+        measured = stated.get(name, "held" if name == _BETWEEN else number)
+        if measured != number:
+            raise RuleSetError(
+                f"the result was measured with {name}: {measured}, and these rules have {number}",
+                file=rule_set.file,
+                hint="score the log under this rule set instead; only prices can change without it",
+            )
+
+
 def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None) -> Result:
     """Price a stored result under another rule set, or with a cohort, without its log.
 
@@ -135,6 +166,7 @@ def reprice(result: Result, rule_set: Rules, cohort: CohortValues | None = None)
     refuse_other(result, Result, "a result", "score_trial and load_result give one")
     rule_set = rule_set_of(rule_set)
     _refuse_other_authority(result, rule_set)
+    _refuse_other_gaps(result, rule_set)
     findings: dict[str, Finding] = {}
     known = result.measured.settings  # None in results of versions that kept none
     settings: dict[str, Settings] | None = None if known is None else {}

@@ -45,6 +45,8 @@ __all__ = ["FORMAT", "JsonLinesReader"]
 
 _ANY_FORMAT = "ariac-score-trial-log/"
 FORMAT = f"{_ANY_FORMAT}1"
+MAX_DEPTH = 64
+"""How deep a record may be nested."""
 MAX_LINE_BYTES = 10_000_000
 MAX_TIME_S = 1e11
 """Stamps further from 0 than this are not times of a trial."""
@@ -237,6 +239,15 @@ def _records(path: Path, kinds: _Kinds, cut: list[CutOffError] | None = None) ->
         cut.append(no_end)
 
 
+def _is_deep(record: Record) -> bool:
+    """Whether a record is nested deeper than anything that reads it could follow."""
+    inside: list[Any] = [record]
+    for _ in range(MAX_DEPTH):
+        parts = (one.values() if isinstance(one, dict) else one for one in inside)
+        inside = [each for part in parts for each in part if isinstance(each, dict | list)]
+    return bool(inside)
+
+
 def _declared(path: Path, number: int, quantities: Mapping[str, Any]) -> dict[str, Quantity]:
     """The quantities a log declares; those of the vocabulary cannot be changed."""
     declared = {
@@ -285,6 +296,11 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
     if kind == "trial" and str(written).startswith(_ANY_FORMAT) and written != FORMAT:
         words = f"the log is in the format {written!r}; this version reads {FORMAT!r}"
         raise _fault(path, number, words, "install a version that reads it, or write the log anew")
+    if _is_deep(record):
+        words = f"it is nested more than {MAX_DEPTH} deep"
+        raise _fault(
+            path, number, words, "work has a few levels, one inside the other; see the schema"
+        )
     if _has_huge_integer(record):
         raise _fault(path, number, "a number is too large", "numbers are SI units of a trial; see the schema")
     faults = (

@@ -26,6 +26,8 @@ _WAY_NS = 100_000_000
 """Messages of several senders reach a recorder in another order than they were sent; our choice."""
 _AFTER_END_NS = 500_000_000
 """By so much a recording of the engine outlasts the task at most: two rounds of 100 ms, and more."""
+_SOON_NS = 2_000_000_000
+"""A topic that begins within this begins with the recording: the slowest has a message a second."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +142,9 @@ class _Clock:
         rows = [moving.topic == number.get(topic, -1) for topic in (TF, SCORING_TF)]
         self._firsts = [int(moving.stamp_ns[r][0]) for r in rows if r.any()]
         either = (rows[0] | rows[1]) if len(moving) else np.zeros(0, dtype=bool)
-        order = np.concatenate([moving.order[either], states.order])
-        stamps = np.concatenate([moving.stamp_ns[either], states.stamp_ns])
+        forces = messages.wrenches.values()
+        order = np.concatenate([moving.order[either], states.order, *(one.order for one in forces)])
+        stamps = np.concatenate([moving.stamp_ns[either], states.stamp_ns, *(one.stamp_ns for one in forces)])
         kept = stamps > 0
         by_order = np.argsort(order[kept], kind="stable")
         self._order: IntArray = order[kept][by_order]
@@ -155,8 +158,12 @@ class _Clock:
 
     @property
     def both_ns(self) -> int:
-        """When both moving topics had been heard, for which the engine waits before it sends the goal."""
-        return max(self._firsts, default=self.span[0])
+        """When both moving topics had been heard, for which the engine waits before it sends the goal.
+
+        Where one begins much later than the recording, its beginning may be missing.
+        """
+        both_ns = max(self._firsts, default=self.span[0])
+        return both_ns if both_ns - self.span[0] <= _SOON_NS else self.span[0]
 
     def before(self, order: int) -> int:
         """The latest stamp until a message."""

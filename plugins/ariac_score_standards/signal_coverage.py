@@ -132,8 +132,12 @@ class SignalCoverage:
             for name in consumed:
                 message = MissingSignalError(name, trial.signals, trial.as_consumed).cause
                 yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
-            for name in _lacking(trial, quantity, {*(signal.name for signal in signals), *consumed}):
-                message = f"there is no signal {name!r}, but there is one of another subject"
+            there = {*(signal.name for signal in signals), *consumed}
+            lacking = dict.fromkeys(_lacking(trial, quantity, there), "there is one of another subject")
+            due = sorted(name for name in trial.stand_ins if name.startswith(f"{quantity}/"))
+            lacking |= {name: "it is published" for name in due if name not in there}
+            for name, why in sorted(lacking.items()):
+                message = f"there is no signal {name!r}, but {why}"
                 yield Finding.inconclusive(name, message, span=trial.window, clause=_CLAUSE)
             if not signals and not consumed:
                 message = f"there is no signal of {quantity!r}"
