@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -130,6 +131,21 @@ REFUSED: dict[str, tuple[Callable[[Records], Any], str]] = {
     "a huge integer in a pose": (
         lambda r: _first("submission", r)["contents"][0]["pose"].update(position_m=[10**400, 0, 0]),
         "a number is too large",
+    ),
+    "an item within 450 others": (
+        lambda r: r.insert(
+            -1,
+            {
+                "record": "item",
+                "t_s": 30.0,
+                **functools.reduce(
+                    lambda inner, k: {"id": f"i{k}", "level": "task", "items": [inner]},
+                    range(450),
+                    {"id": "i", "level": "task"},
+                ),
+            },
+        ),
+        "nested more than 64 deep",
     ),
     "a negative radius": (
         lambda r: _first("body", r).update(radius_m=-5),

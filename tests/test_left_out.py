@@ -148,6 +148,12 @@ def three_stops(score: str) -> Case:
 
 
 CASES: Mapping[str, Case] = {
+    "gaps that are too short to be found, by the rules' own policy": Case(
+        "use: iso_10218_1.reduced_speed, with: {max_speed_m_s: 0.25, t_on_s: 0}, on_inconclusive: worst_case",
+        "10 / (1 + seconds(it))",
+        {"speed/robot": (100, lambda t_s: 0.5 if 2 <= t_s < 4 and round(t_s * 100) % 2 else 0.1)},
+        of_signal("speed/robot", lambda t_s: 2 <= t_s < 4 and round(t_s * 100) % 2 == 1),
+    ),
     "places between which it was never at rest": Case(
         ANSWER,
         "10 - seconds(it)",

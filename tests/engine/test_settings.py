@@ -30,7 +30,7 @@ from ariac_score.cli import main
 from ariac_score.documents.schema import schema_errors
 from ariac_score.engine.prepared import PreparedCheck, prepare
 from ariac_score.engine.settings import settings_of
-from ariac_score.errors import PluginError, ResultError
+from ariac_score.errors import PluginError, ResultError, RuleSetError
 from ariac_score.report.html.trial import trial_page
 from ariac_score.results.result import Setting, Settings
 from ariac_score.results.result_file import check_follows, measured_sha256
@@ -215,6 +215,30 @@ def test_a_result_of_a_version_that_kept_none_stays_as_it_was(result: Result, tm
     assert main(["verify", str(tmp_path / "old.json")]) == 8
     step = next(s for s in verify_result(tmp_path / "old.json", log=LOG).steps if s.name == "recomputed")
     assert step.words == "the same score, ledger and findings; the result does not keep its settings"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("between_samples: bounded\n", "between_samples: held, and these rules have bounded"),
+        (
+            "bounds: {human: {max_speed_m_s: 1.6, source: a walk}}\n",
+            "bounds.human.max_speed_m_s: 4.0, and these rules have 1.6",
+        ),
+        ("bounds: {human: {max_speed_m_s: 4.0, source: a run}}\n", ""),
+    ],
+)
+def test_gaps_that_were_bounded_otherwise_have_no_other_price(
+    result: Result, tmp_path: Path, more: str, said: str
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"extends: paper2020.published\nid: mine\ntitle: Mine\nsource: here\n{more}")
+
+    if said:
+        with pytest.raises(RuleSetError, match=said):
+            reprice(result, load_rule_set(str(mine)))
+    else:
+        assert reprice(result, load_rule_set(str(mine))).score == result.score
 
 
 def test_new_prices_keep_what_was_set_under_new_names(result: Result, tmp_path: Path) -> None:

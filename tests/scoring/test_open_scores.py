@@ -113,6 +113,36 @@ def test_g22_the_world_where_all_is_worst_is_not_the_worst_world() -> None:
     assert {a.policy for a in one.assumptions if a.check == "collision"} == {"best"}
 
 
+@pytest.mark.parametrize(
+    ("score", "worth"), [("100 - measure(near, force_N)", 93), ("100 - occurrences(near, every_s=1)", 93)]
+)
+def test_what_both_worlds_have_alike_is_open_for_nobody(score: str, worth: int) -> None:
+    """Two violations, of 5 and of 2 N, of 4 and of 1 s; only how long somebody was near is open."""
+
+    def world(name: str, exposure_s: float) -> dict[str, Finding]:
+        each = {**near(10.0, 14.0, f"{name}1"), **near(20.0, 21.0, f"{name}2")}
+        return {
+            key: replace(f, quantities={**f.quantities, "exposure_s": exposure_s, "force_N": force_n})
+            for (key, f), force_n in zip(each.items(), (5.0, 2.0), strict=True)
+        }
+
+    alike = LeftOpen((gap(world("best", 6.0), world("worst", 7.0)),))
+    one = priced(score, {}, left_open=alike)
+    assert ends(one) is None
+    assert one.ledger is not None
+    assert one.ledger.amount == worth
+
+    # Where one of the forces may have been larger, nobody knows which.
+    other = {
+        key: replace(f, quantities={**f.quantities, "force_N": 6.0}) for key, f in world("worst", 7.0).items()
+    }
+    open_ = ends(
+        priced("100 - measure(near, force_N)", {}, left_open=LeftOpen((gap(world("best", 6.0), other),)))
+    )
+    assert open_ is not None
+    assert open_[0] <= 88
+
+
 # What counts ---------------------------------------------------------------------------
 
 UNDECIDED = found(pose="siv")

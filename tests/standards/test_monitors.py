@@ -40,7 +40,7 @@ from ariac_score.scoring.expression import Expression
 from ariac_score.scoring.ruleset import load_rule_set
 from ariac_score.testing import SNAPSHOT_SIGNALS, write_bag
 from ariac_score.trial.derive import Derivation, derive_signals
-from ariac_score.trial.model import LogDefect
+from ariac_score.trial.model import Due, LogDefect
 from ariac_score.trial.velocities import centred_velocity
 from ariac_score_ariac.safety import CollisionEpisodes, HumanContact, occurrences
 from ariac_score_ariac.testing import kitting_trial
@@ -759,6 +759,14 @@ def test_coverage_below_99_percent_is_inconclusive(missing: float, verdict: Verd
     trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, t=t, bodies=(Body("r", "robot", 0.0),))
 
     assert only(SignalCoverage(min_coverage=0.9900000001 - 1e-9), trial).verdict is verdict
+
+
+def test_coverage_misses_what_is_published_though_nothing_else_of_its_kind_is_there() -> None:
+    trial = trial_of({"position/r": ("m", [0.0, 0.0, 0.0])}, bodies=(Body("r", "robot", 0.0),))
+    published = dataclasses.replace(trial, stand_ins={"position/ann": Due("/ann", 50.0)})
+
+    assert verdicts(SignalCoverage(), trial) == [SATISFIED]
+    assert verdicts(SignalCoverage(), published) == [SATISFIED, INCONCLUSIVE]
 
 
 # Ten mistakes found in public code -----------------------------------------------------------------

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -314,6 +315,16 @@ def test_nobody_leaves_out_the_event_of_a_wrong_port(tmp_path: Path, rules: str)
     assert honest.measured.of("insertion").popitem()[1].quantities["wrong_port"] == 1.0
     assert interval(robbed)[0] <= interval(honest)[0]
     assert interval(robbed)[1] >= interval(honest)[0] + 12 + 75
+
+
+@pytest.mark.parametrize("check", ["contacts", "insertion_force"])
+def test_a_recording_that_begins_in_the_task_leaves_what_was_before_open(tmp_path: Path, check: str) -> None:
+    board, *messages = scene((0.0, 0.0, 0.3))
+    since_ns = np.maximum.accumulate([time_of(m) for m in messages])  # contacts have no stamps of their own
+    late = [m for m, at_ns in zip(messages, since_ns, strict=True) if at_ns > START_NS + 2 * SECOND_NS]
+
+    assert strictly(tmp_path / "whole", [board, *messages], check).verdict.value == "satisfied"
+    assert strictly(tmp_path / "late", [board, *late], check).verdict.value == "inconclusive"
 
 
 @pytest.mark.parametrize(("topic", "check"), [("/tf", "path"), ("/aic_controller/controller_state", "jerk")])
