@@ -298,9 +298,7 @@ def _parsed(path: Path, number: int, line: bytes, known: Mapping[str, Quantity],
         raise _fault(path, number, words, "install a version that reads it, or write the log anew")
     if _is_deep(record):
         words = f"it is nested more than {MAX_DEPTH} deep"
-        raise _fault(
-            path, number, words, "work has a few levels, one inside the other; see the schema"
-        )
+        raise _fault(path, number, words, "work has a few levels, one inside the other; see the schema")
     if _has_huge_integer(record):
         raise _fault(path, number, "a number is too large", "numbers are SI units of a trial; see the schema")
     faults = (

@@ -13,6 +13,7 @@ from ariac_score import (
     LogDefect,
     LogError,
     Record,
+    Span,
     Trial,
     check_parameters,
     did_you_mean,
@@ -147,6 +148,7 @@ class Aic:
                 by_engine=_BAG.fullmatch(messages.name) is not None,
             )
             trial = with_signals(replace(trial, records=(*trial.records, consumed)), consumed)
+            trial = _with_task(trial, consumed)
             if self.ends != "finals":  # in a real cell there may be people whom no topic shows
                 trial = replace(trial, witnessed=trial.witnessed | {NO_HUMAN})
         if config is not None and messages is not None:
@@ -177,6 +179,17 @@ class Aic:
         from ariac_score_aic.testing import made_trial  # noqa: PLC0415  # no score needs it
 
         return made_trial()
+
+
+def _with_task(trial: Trial, consumed: Consumed) -> Trial:
+    """The trial, of which the recording may lack a part of the task, where a file states when that was."""
+    messages = consumed.messages
+    if messages.recorded_ns is None or trial.recorded is None:
+        return trial
+    begin_ns, end_ns = consumed.with_task(messages.recorded_ns)
+    before_s, after_s = (messages.recorded_ns[0] - begin_ns) / 1e9, (end_ns - messages.recorded_ns[1]) / 1e9
+    whole = Span(trial.recorded.start_s - before_s, trial.recorded.end_s + after_s)
+    return replace(trial, recorded=whole)
 
 
 def trial_in_name(name: str) -> str:

@@ -215,6 +215,16 @@ class Consumed(Record):
         """The first and the last header stamp of what is sent all the time."""
         return span_ns(self.messages)
 
+    def with_task(self, span_ns: Between) -> Between:
+        """A stretch of the recording, and all of the task where a file states when that was."""
+        begin_ns, end_ns = span_ns
+        start_ns, done_ns = self.times.start_ns, self.times.end_ns
+        if start_ns is not None and start_ns <= end_ns:  # else it is on another clock
+            begin_ns = min(begin_ns, start_ns)
+        if done_ns is not None and done_ns >= span_ns[0]:
+            end_ns = max(end_ns, done_ns)
+        return begin_ns, end_ns
+
     @cached_property
     def path_length_m(self) -> float:
         """The sum of the distances of neighbouring poses, one after the other."""

@@ -63,17 +63,6 @@ def _unseen_ns(stamp_ns: IntArray, span_ns: tuple[int, int], rate_hz: float, max
     return np.stack((edges_ns[:-1], edges_ns[1:]), axis=1)[missing]
 
 
-def _with_task(consumed: Consumed, span_ns: tuple[int, int]) -> tuple[int, int]:
-    """A stretch of a recording, and all of the task where a file states when that was."""
-    begin_ns, end_ns = span_ns
-    start_ns, done_ns = consumed.times.start_ns, consumed.times.end_ns
-    if start_ns is not None and start_ns <= end_ns:  # else it is on another clock
-        begin_ns = min(begin_ns, start_ns)
-    if done_ns is not None and done_ns >= span_ns[0]:
-        end_ns = max(end_ns, done_ns)
-    return begin_ns, end_ns
-
-
 def _merged_ns(spans_ns: Iterable[IntArray]) -> IntArray:
     """Spans that overlap as one, shape (k, 2), ns."""
     begins, ends = np.concatenate([np.empty((0, 2), dtype=np.int64), *spans_ns]).T
@@ -136,7 +125,7 @@ class ForceBounds:
             return
         stamps, force = consumed.forces
         force_n = np.sqrt((force**2).sum(axis=1))
-        span_ns = _with_task(consumed, consumed.span_ns)
+        span_ns = consumed.with_task(consumed.span_ns)
         least_s, most_s, unseen_s = self.time_above_s(stamps, force_n, span_ns)
         seen = force_n[np.isfinite(force_n)]
         peak_n = float(seen.max()) if len(seen) else 0.0
@@ -211,7 +200,7 @@ class WatchedContacts:
                 yield finding
                 continue
             times, recorded = consumed.messages.contact_ns, consumed.messages.recorded_ns or (0, 0)
-            whole_ns = _with_task(consumed, recorded)
+            whole_ns = consumed.with_task(recorded)
             unseen_ns = _unseen_ns(np.unique(times), whole_ns, self.rate_hz, self.max_gap_s)
             silent_s = _lasting_ns(unseen_ns) / 1e9
             if silent_s > 0:
@@ -348,7 +337,7 @@ class SeenJerk(PolynomialJerk):
                 yield finding
                 continue
             stamps = np.unique(consumed.messages.controller.stamp_ns)
-            span_ns = _with_task(consumed, consumed.span_ns)
+            span_ns = consumed.with_task(consumed.span_ns)
             unseen_ns = _unseen_ns(stamps, span_ns, self.rate_hz, self.max_gap_s)
             unseen_s = _lasting_ns(unseen_ns) / 1e9
             if unseen_s > 0:
