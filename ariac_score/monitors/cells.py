@@ -161,6 +161,9 @@ def longest_held_s(usual_s: float, max_gap_s: float) -> float:
     Args:
         usual_s: The usual interval of its stream, s.
         max_gap_s: Longest stretch without a sample that a monitor accepts, s.
+
+    >>> longest_held_s(0.02, 0.05), longest_held_s(0.1, 0.05)
+    (0.03, 0.05)
     """
     return min(max_gap_s, USUAL_INTERVALS * usual_s)
 

@@ -36,6 +36,7 @@ SHIPPED = {
         "aic.path_length",
         "aic.polynomial_jerk",
         "aic.pose_jerk",
+        "aic.seen_jerk",
         "aic.start_distance",
         "aic.task_path",
         "aic.task_time",
