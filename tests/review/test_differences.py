@@ -59,6 +59,7 @@ WITHOUT_CASE = {
         "unseen_path",
         "unseen_force",
         "unseen_contacts",
+        "unseen_insertion",
         "unseen_velocity",
     },
 }
