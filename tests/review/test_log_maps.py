@@ -374,9 +374,9 @@ def test_models_take_the_place_of_frames_that_are_not_recorded(tmp_path: Path) -
     given = [m for m in recorded_messages(kitting_trial()) if m.topic not in ("/tf", "/snapshot")]
     drafted = Drafted(tmp_path, [*given, *states], "--extends", "ariac2020")
 
-    assert yaml.safe_load(drafted.text)["bodies"] == {"human": None, "robot": None}
+    assert yaml.safe_load(drafted.text)["bodies"] == {"human": None}
     trial = open_trial(drafted.log, log_map=drafted.file)
-    assert [body.id for body in trial.bodies] == ["gantry", "person_1"]
+    assert [body.id for body in trial.bodies] == ["person_1", "robot"]
 
 
 def test_a_log_map_in_a_file_is_extended_from_where_the_draft_lies(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from ariac_score.logs.gather.message_fields import nearest
 from ariac_score.logs.gather.numbering import Unknown
 from ariac_score.logs.gather.transforms import Retimed, times_s
 from ariac_score.trial.build import TrialBuilder
-from ariac_score.trial.channels import OF_MODELS, BodyMatch
+from ariac_score.trial.channels import OF_FRAMES, OF_MODELS, BodyMatch
 from ariac_score.trial.model import Body
 from ariac_score.trial.spans import FloatArray
 
@@ -150,6 +150,13 @@ class ModelPoses:
             if track is not None:
                 builder.add_body(track.body)
                 subject = "::".join((track.body.id, *track.body.links))
+                known = builder.signals.get(f"position/{subject}")
+                if known is not None and known.source == OF_FRAMES:
+                    message = (
+                        "its places are those of a frame, which is stamped; those of the model were left out"
+                    )
+                    builder.defect("frame_and_model", f"model {name}", len(track.stamps_ns), message)
+                    continue
                 t = times_s(track.stamps_ns, origin_ns)
                 given["stamp_jitter_s"] = arrival_jitter_s(np.sort(t))
                 given["stated_rate_hz"] = track.rate_hz

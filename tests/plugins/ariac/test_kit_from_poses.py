@@ -18,16 +18,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ariac_score import score_trial
+from ariac_score import open_trial, score_trial
 from ariac_score.checks.contracts import Wanted
 from ariac_score.checks.registry import Registry
 from ariac_score.logs.gather.model_frames import ModelFrames
 from ariac_score.logs.gazebo import GazeboStateReader
 from ariac_score.logs.logmap import load_log_map
+from ariac_score.testing.bags import Recorded, write_bag
 from ariac_score.trial.channels import LogMap
 from ariac_score.trial.model import Pose
 from ariac_score_ariac.fault_marks import by_challenges, by_list
 from ariac_score_ariac.kit_from_poses import KitsOfModels, LooseTray, TrayMatch, part_type, product_type
+from ariac_score_ariac.testing.recordings import Motion, recorded_messages
+from ariac_score_ariac.testing.trials import kitting_trial
 from ariac_score_ariac.work import Kit, Product, Tray
 
 QUARTER = "1.5707963267948966"
@@ -442,6 +445,41 @@ def test_model_states_grow_old_for_a_bag_does_not_pause() -> None:
 
 def test_a_bag_without_model_states_shows_no_kits() -> None:
     assert ModelFrames(FIXED).record(0) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("ground_plane",), ("ground_plane", "gantry")])
+@pytest.mark.parametrize("motion", ["snapshot", "frames"])
+def test_models_beside_snapshots_or_frames_are_no_second_robot(
+    tmp_path: Path, names: tuple[str, ...], motion: Motion
+) -> None:
+    """A robot of another name would be one of whom nobody knows how far from the human it was."""
+    trial = kitting_trial()
+    at_rest = {"linear": dict.fromkeys("xyz", 0.0), "angular": dict.fromkeys("xyz", 0.0)}
+    messages = recorded_messages(trial, motion=motion)
+    place = trial.signals["position/robot"]
+    states = [
+        Recorded(
+            "/gazebo/model_states",
+            "gazebo_msgs/msg/ModelStates",
+            messages[0].t_ns + round((t_s + 6.0) * 1e9),
+            {
+                "name": list(names),
+                "pose": [
+                    {"position": dict(zip("xyz", at_m, strict=True)), "orientation": {"w": 1.0}}
+                    for at_m in ([0.0, 0.0, 0.0], at.tolist())[: len(names)]
+                ],
+                "twist": [at_rest] * len(names),
+            },
+        )
+        for t_s, at in list(zip(place.t, place.values, strict=True))[::10]
+    ]
+    log = write_bag(tmp_path / "a.mcap", sorted([*messages, *states], key=lambda m: m.t_ns), storage="mcap")
+
+    opened = open_trial(log, log_map="ariac2020")
+    assert [body.id for body in opened.bodies] == ["human", "robot"]
+    alone = write_bag(tmp_path / "b.mcap", messages, storage="mcap")
+    assert [body.id for body in open_trial(alone, log_map="ariac2020").bodies] == ["human", "robot"]
 
 
 # From end to end: submissions of one log, contents of another
