@@ -221,7 +221,7 @@ def test_what_is_read_after_all_is_verified(tmp_path: Path) -> None:
 def test_a_chunk_without_a_wanted_message_is_not_inflated(tmp_path: Path) -> None:
     dice = random.Random(5)  # noqa: S311  # of pictures
     pictures = [
-        Recorded("/picture", STRING, 2 * 10**18 + i, {"data": dice.randbytes(400_000).hex()})
+        Recorded("/picture", STRING, 10**18 + 10**14 + i, {"data": dice.randbytes(400_000).hex()})
         for i in range(6)
     ]
     path = write_bag(tmp_path / "t.mcap", [*LARGE, *pictures], storage="mcap", compression="zstd")
@@ -240,10 +240,12 @@ def chunks_apart(count: int) -> list[Recorded]:
     """A chunk of both topics, chunks of pictures, chunks of as many speeds."""
     dice = random.Random(5)  # noqa: S311  # of pictures
     pictures = [
-        Recorded("/picture", STRING, 2 * 10**18 + i, {"data": dice.randbytes(400_000).hex()})
+        Recorded("/picture", STRING, 10**18 + 10**14 + i, {"data": dice.randbytes(400_000).hex()})
         for i in range(4)
     ]
-    speeds = [Recorded("/speed", VECTOR, 3 * 10**18 + i * 10**6, {"x": float(i)}) for i in range(count)]
+    speeds = [
+        Recorded("/speed", VECTOR, 10**18 + 2 * 10**14 + i * 10**6, {"x": float(i)}) for i in range(count)
+    ]
     return [*LARGE[:6], *pictures, *speeds]
 
 

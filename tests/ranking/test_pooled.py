@@ -477,7 +477,7 @@ def test_what_the_rules_withhold_counts_in_all_runs_once_it_is_decided(tmp_path:
     [{"dismissed": True, "complaint": "ours"}, {"finding": "human_contact#1", "verdict": "violated"}],
     ids=["a complaint that is dismissed", "a verdict against the team"],
 )
-def test_where_teams_are_compared_an_open_run_is_undecided_until_all_of_it_is_decided(
+def test_where_teams_are_compared_an_open_run_counts_at_its_end_for_what_it_brings_is_known(
     tmp_path: Path, effect: dict[str, Any], counts: str
 ) -> None:
     compared = "task: task\ncohort: {mean_task: {of: trial, mean: task}}\n"
@@ -486,8 +486,17 @@ def test_where_teams_are_compared_an_open_run_is_undecided_until_all_of_it_is_de
     assert found.stewarded is not None
 
     (run,) = (run for run in found.stewarded.ranking.runs if run.team == "open")
-    assert (run.outcome, run.score) == ("undecided", None)
-    assert {run.team: run.outcome for run in found.runs} == {"open": "undecided", "seen": "scored"}
+    before = {run.team: run for run in found.runs}
+    outcome = "undecided" if counts == "withhold" else "scored"
+    assert (run.outcome, before["open"].outcome, before["seen"].outcome) == (outcome, outcome, "scored")
+    if counts == "withhold":
+        assert run.score is before["open"].score is None
+    else:
+        ends = before["open"].open
+        assert ends is not None
+        assert run.score is not None
+        assert before["open"].score == (ends.least if counts == "worst" else ends.most)
+        assert run.score <= before["open"].score  # a verdict against a team, or none, makes nobody better
 
 
 @pytest.mark.slow
