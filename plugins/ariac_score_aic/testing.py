@@ -82,7 +82,7 @@ def _messages() -> AicMessages:
     velocity_m_s = np.tile([0.02, 0.0, -0.02], (len(stamps), 1))
     return AicMessages(
         "bag_trial_1_20260520_101112_345",
-        (0, 30 * _SECOND_NS),
+        (_SECOND_NS // 50, 30 * _SECOND_NS),
         {TF: 1500, CONTROLLER: 1500, WRENCHES[0]: 1500, CONTACTS: 1500, EVENT: 1},
         _transforms(order, stamps, height_m),
         Controller(order, stamps, velocity_m_s, np.zeros((len(stamps), 3))),
